@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from drupe.numbers import PerPad, numbers, per_pad
 from drupe.refusal import DrupeError, refusals
-from pipeline.batch.input_names import RECORDINGS
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
 from tactile.jaw_poses import jaw_poses as poses_of_jaws
@@ -18,6 +17,8 @@ from tactile.readers.recording import write_recording as write_h5
 
 PADS = {1: ("tip",), 2: ("left", "right")}
 """Names of the pads by their number: a press has 1, a grasp 2."""
+WRITTEN = (".h5", ".hdf5")
+"""Suffixes of written recordings. MATLAB's `load` reads no plain HDF5 from a .mat file."""
 
 
 def jaw_poses(
@@ -140,14 +141,14 @@ def as_in_a_file(held: Recording) -> Recording:
 
 
 def write_recording(path: str | Path, held: Recording) -> None:
-    """Writes a recording to `path` (.h5, .hdf5 or .mat), for `drupe grade` and `read_recording`.
+    """Writes a recording to `path` (.h5 or .hdf5), for `drupe grade` and `read_recording`.
 
     The file stores displacement and force in single precision. Raises DrupeError for another suffix, if
     `path` exists (drupe never overwrites your file), or if drupe cannot write there.
     """
     path = Path(path)
-    if path.suffix.lower() not in RECORDINGS:
-        raise DrupeError(f'{path}: found the ending "{path.suffix}", expected .h5, as drupe grade reads it')
+    if path.suffix.lower() not in WRITTEN:
+        raise DrupeError(f'{path}: found the ending "{path.suffix}", expected {" or ".join(WRITTEN)}')
     if path.exists() or path.is_symlink():
         raise DrupeError(f"{path}: exists already; give another name, or move the file away")
     with refusals(), scratch() as folder:

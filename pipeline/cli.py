@@ -37,12 +37,12 @@ from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
 from pipeline.commands.watch import watch
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
+from pipeline.files.free_memory import free_memory_MiB
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import SAID, ended_like_ctrl_c
 from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory
-from pipeline.problem import BatchRefused
-from pipeline.run.memory import free_memory_MiB
+from pipeline.problem import BatchRefused, plain_message
 from pipeline.terminal_language import in_language_of_locale
 
 
@@ -54,7 +54,7 @@ class _Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            error.message = error.message.removeprefix("Value error, ")
+            error.message = plain_message(error.message)
             raise
 
 

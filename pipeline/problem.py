@@ -57,6 +57,15 @@ def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
         return None
 
 
+def plain_message(message: str) -> str:
+    """The message of pydantic without its prefix for the ValueError of a check.
+
+    >>> plain_message("Value error, class names must differ")
+    'class names must differ'
+    """
+    return message.removeprefix("Value error, ")
+
+
 def nearest(written: str, known: Iterable[str], otherwise: str, *, cutoff: float = 0.6) -> str:
     """A question with the known name that is most similar; `otherwise` if none is similar enough."""
     near = difflib.get_close_matches(written, list(known), n=1, cutoff=cutoff)

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Iterable
 from datetime import date
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from markupsafe import Markup
@@ -24,14 +24,20 @@ MOST_BATCHES = 60
 UNKNOWN_LOT = "unknown"
 EPOCH = date(1970, 1, 1)
 """Day zero of uPlot's axes with dates, as in Unix time."""
+PER_POINT = ("tips", "y_ends", "y_sd")
+"""Lists of a layer with one entry per point; an empty one has none."""
 
 
 def layer(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
     """Marks, a line or an area through the finite points, rounded: a pixel is a thousandth of the chart.
-    `how`: colour, name, shape, `dashed`, `faint`, and lists with one entry per point.
+    `how`: colour, name, shape, `dashed`, `faint`, and lists with one entry per given point (PER_POINT).
     """
     places = np.column_stack([np.fromiter(x, float), np.fromiter(y, float)])
-    places = places[np.isfinite(places).all(axis=1)]
+    finite = np.isfinite(places).all(axis=1)
+    for name in PER_POINT:
+        if values := how.get(name):
+            how[name] = [value for value, kept in zip(cast("list", values), finite, strict=True) if kept]
+    places = places[finite]
     return {"kind": kind, "x": rounded(places[:, 0]), "y": rounded(places[:, 1]), **how}
 
 

@@ -11,6 +11,9 @@ from jaxtyping import Float
 
 from reports.entries import ReferenceBodyEntry
 
+LINE_POINTS = 60
+"""Points of a drawn line: one in 14 px of the widest chart."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LotStatistics:

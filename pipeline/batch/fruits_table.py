@@ -190,16 +190,14 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
 
 def _separated(text: str) -> tuple[str, str]:
     """The text and the separator of its cells. A first line "sep=;", as Excel writes it, states it, and
-    becomes empty so that lines keep their numbers. Otherwise it is the most frequent one in the header.
+    becomes empty so that lines keep their numbers. Otherwise it is the most frequent one in the header, and
+    of equally frequent ones a semicolon or a tab.
     """
     first, _, rest = text.partition("\n")
     if stated := SEPARATOR_LINE.fullmatch(first):
         return "\n" + rest, stated[1]
-    separator = ","
-    for other in (";", "\t"):
-        if other in first and first.count(other) >= first.count(","):
-            separator = other
-    return text, separator
+    separator = max(";\t,", key=first.count)
+    return text, separator if separator in first else ","
 
 
 def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
@@ -332,10 +330,10 @@ def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[s
     E_MPa, sd_MPa = measures["reference_E_MPa"], measures["reference_E_sd_MPa"]
     low, high = REFERENCE_E_MPA
     if E_MPa is None or not low <= E_MPa <= high:
-        meant = _other_unit(E_MPa) if E_MPa is not None else ""
+        in_unit = _other_unit(E_MPa) if E_MPa is not None else ""
         wrong(
             f"reference_E_MPa {_as_found(cells['reference_E_MPa'])}; expected the reference body's Young's "
-            f"modulus, {low:g} to {high:g} MPa{meant or '; write it from its certificate or tensile test.'}"
+            f"modulus, {low:g} to {high:g} MPa{in_unit or '; write it from its certificate or tensile test.'}"
         )
         E_MPa = None
     least, most_sd = (share * (REFERENCE_E_MPA[0] if E_MPa is None else E_MPa) for share in REFERENCE_SD)

@@ -236,8 +236,6 @@ class Results:
     """People's verdicts on fruit (pipeline.batch.verdicts); no command removes them."""
     run = ResultPath(".run.json")
     """The mark of the last run (pipeline.batch.provenance.write_run)."""
-    lock = ResultPath(".lock")
-    """The lock that a run holds while it writes here."""
 
     @property
     def files(self) -> tuple[Path, ...]:

@@ -131,8 +131,8 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
             Problem(str(folder.settings), sentence)
             for sentence in (
                 *_without_rig(folder, settings),
-                *_without_model(folder, settings),
-                *_without_provider(settings),
+                *model_faults(folder, settings),
+                *provider_faults(settings),
                 *(_effects_of_strangers(settings, rows) if listed else ()),
                 *_effects_without_pit(folder, settings, rows),
             )
@@ -299,23 +299,25 @@ def _without_rig(folder: BatchFolder, settings: Settings) -> Iterator[str]:
         yield f'"rig": {failure.detail}'
 
 
-def _without_model(folder: BatchFolder, settings: Settings) -> Iterator[str]:
+def model_faults(folder: BatchFolder, settings: Settings) -> Iterator[str]:
+    """The fault of the batch's own ONNX model that shows without opening it, if it has one."""
     asked = settings.recon.geometry_model
     if asked is None:
         return
     if not (folder.root / asked).is_file():
         yield (
-            f'"recon.learned.geometry_model": found "{asked}", but {folder.root / asked} is not a '
+            f'"recon.geometry_model": found "{asked}", but {folder.root / asked} is not a '
             "file; give the path of an ONNX file relative to the batch, or remove the line."
         )
         return
     try:
         require_onnx(folder.root / asked)
     except ReconFailure as failure:
-        yield f'"recon.learned.geometry_model": {failure.detail}'
+        yield f'"recon.geometry_model": {failure.detail}'
 
 
-def _without_provider(settings: Settings) -> Iterator[str]:
+def provider_faults(settings: Settings) -> Iterator[str]:
+    """The fault of the batch's own list of ONNX Runtime providers, if it has one."""
     if settings.recon.providers == Recon().providers:
         return
     with elsewhere():

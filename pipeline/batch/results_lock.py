@@ -8,6 +8,7 @@ from pipeline.files.lock_file import lock_of
 from pipeline.problem import refused
 
 LOCK = ".lock"
+"""The file in a results folder that a run locks while it writes there."""
 
 
 @contextmanager

@@ -3,13 +3,12 @@
 import fcntl
 import os
 import shutil
-import stat
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pipeline.files.whole_file import NotWritten
+from pipeline.files.whole_file import NotWritten, remove_unless_held
 from pipeline.problem import refused
 
 PREFIX = "drupe-run-"
@@ -59,19 +58,9 @@ def _made(place: Path, prefix: str) -> tuple[Path, int]:
 
 
 def _sweep(place: Path, prefix: str) -> None:
-    """Removes folders of killed runs: real folders by this name, this user's, that no process holds."""
+    """Removes folders of killed runs, by their name."""
     for folder in place.glob(f"{prefix}*"):
-        with suppress(OSError):
-            status = folder.lstat()
-            ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
-            if not ours:
-                continue
-            lock = os.open(folder, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
-            finally:
-                os.close(lock)
+        remove_unless_held(folder, folder=True)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pipeline.batch.batch_place import require_folder
 from pipeline.batch.settings import Settings
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
-from pipeline.problem import BatchRefused, Problem, nearest, refused
+from pipeline.problem import BatchRefused, Problem, nearest, plain_message, refused
 from recon.cameras.photos import photo_paths
 from tactile.readers.decimal_number import meant
 
@@ -154,7 +154,7 @@ LIMITS = {"ge": "{} or more", "gt": "more than {}", "le": "at most {}", "lt": "l
 def _expected(error: Any) -> str:
     """What was found and what was expected, in plain words."""
     kind, limits, value = error["type"], error.get("ctx", {}), error["input"]
-    plain = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    plain = plain_message(str(error["msg"])).replace("Input should be", "expected")
     message = plain[:1].lower() + plain[1:]
     if kind == "value_error" and isinstance(value, dict | list):
         return plain

@@ -11,12 +11,10 @@ from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.results_lock import LOCK
-from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, was_ours
+from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, stranger, was_ours
 from pipeline.files.plain_file import not_plain
 from pipeline.files.whole_file import MARK
 from pipeline.problem import BatchRefused, Problem, listed, refused
-
-MOVE = "choose another place"
 
 
 def require_results_place(root: Path, batch: BatchFolder) -> None:
@@ -31,16 +29,16 @@ def require_made_by_drupe(root: Path, option: str, *, outside: Iterable[Path] = 
     """Raises BatchRefused if the folder is not empty and drupe did not make it. Raises it also for a file,
     and for a place inside a folder of inputs (`outside`).
     """
-    _require_outside(root, outside, f"{MOVE} with {option}.")
+    _require_outside(root, outside, f"{_elsewhere(option)}.")
     if root.exists() and not root.is_dir():
-        raise refused(root, f"is a file; {MOVE} with {option}.")
+        raise refused(root, f"is a file; {_elsewhere(option)}.")
     if is_claimed(root) or not root.is_dir():
         return
     names = (path.name for path in root.iterdir())
     if strange := sorted(name for name in names if name not in (LOCK, LIST_LOCK) and MARK not in name):
         sentence = (
-            f"holds {listed(strange, 3)} and was not made by drupe, so it is no folder of results; {MOVE} "
-            f"with {option}, or move its files away."
+            f"holds {listed(strange, 3)} and was not made by drupe, so it is no folder of results; "
+            f"{_elsewhere(option)}, or move its files away."
         )
         raise refused(root, sentence)
 
@@ -78,6 +76,10 @@ def require_new_or_ours(target: Path, is_ours: Callable[[Path], bool], what: str
         )
 
 
+def _elsewhere(option: str) -> str:
+    return f"choose another place with {option}"
+
+
 def _require_outside(target: Path, folders: Iterable[Path], advice: str) -> None:
     for folder in folders:
         if _lies_in(target, folder):
@@ -87,18 +89,15 @@ def _require_outside(target: Path, folders: Iterable[Path], advice: str) -> None
 def _in_the_way(path: Path, option: str) -> Problem:
     """The problem of a file that drupe would overwrite: a link, a changed file, or another program's."""
     if path.is_symlink():
-        sentence = f"is a link, and is not written through; remove it, or {MOVE} with {option}."
+        sentence = f"is a link, and is not written through; remove it, or {_elsewhere(option)}."
     elif was_ours(path):
         sentence = (
             "was changed since drupe wrote it (opening it in a spreadsheet and saving is enough), so it is "
             "not overwritten; rename it or move it away, which keeps your changes, and run the same command "
-            f"again: it writes a new {path.name}. Or {MOVE} with {option}."
+            f"again: it writes a new {path.name}. Or {_elsewhere(option)}."
         )
     else:
-        stranger = (
-            "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
-        )
-        sentence = f"{stranger} {MOVE} with {option}."
+        sentence = stranger(_elsewhere(option))
     return Problem(str(path), sentence)
 
 

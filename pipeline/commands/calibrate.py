@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused, say_written
+from pipeline.commands.endings import exit_when_interrupted, exit_when_refused, say_written
 from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
 from pipeline.safe_start import elsewhere
 
@@ -81,7 +81,7 @@ def calibrate(
 
     report = StageLines().stage
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    with said_when_interrupted("; drupe wrote no file"), said_when_refused(sensor, TactileFailure):
+    with exit_when_interrupted("; drupe wrote no file"), exit_when_refused(sensor, TactileFailure):
         if rigid is not None and size_mm is not None:
             said = calibrate_rig(
                 [sensor, *(squeeze or ())],

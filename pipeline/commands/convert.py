@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.endings import exit_when_interrupted, exit_when_refused
 from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
@@ -178,9 +178,15 @@ def convert(
         if jaws_centre_mm is None
         else Jaws(centre_mm=jaws_centre_mm, closing=closing or (1.0, 0.0, 0.0), up=up or (0.0, 0.0, 1.0)),
     )
-    with said_when_interrupted("; drupe wrote no file"), said_when_refused(source, TactileFailure):
-        written = convert_runs(source, out, wanted, report=StageLines().stage)
-    for path, done in written:
+    kept = "; drupe kept the files of finished runs" if wanted.all_runs else "; drupe wrote no file"
+    with exit_when_interrupted(kept), exit_when_refused(source, TactileFailure):
+        runs = convert_runs(source, out, wanted, report=StageLines().stage)
+    unusable = doubted = False
+    for path, done in runs:
+        if isinstance(done, TactileFailure):
+            unusable = True
+            typer.echo(f"drupe: did not write {path}: {done}", err=True)
+            continue
         for note in done.notes:
             typer.echo(f"note: {note}")
         for doubt in done.doubts:
@@ -188,5 +194,6 @@ def convert(
         for finding in done.refused:
             typer.echo(f"drupe grade will refuse this recording: {finding}", err=True)
         typer.echo(f"wrote {path}")
-    if any(done.doubts or done.refused for _, done in written):
-        raise typer.Exit(UNUSABLE if any(done.refused for _, done in written) else DOUBTED)
+        unusable, doubted = unusable or bool(done.refused), doubted or bool(done.doubts)
+    if unusable or doubted:
+        raise typer.Exit(UNUSABLE if unusable else DOUBTED)

@@ -10,17 +10,17 @@ from pipeline.exit_status import INTERRUPTED, UNUSABLE
 
 
 @contextmanager
-def said_when_interrupted(what_is_left: str) -> Iterator[None]:
-    """Converts Ctrl-C in the block to exit status 130 and a message that ends with `what_is_left`."""
+def exit_when_interrupted(message_end: str) -> Iterator[None]:
+    """Converts Ctrl-C in the block to exit status 130 and a message that ends with `message_end`."""
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo(f"drupe: interrupted{what_is_left}", err=True)
+        typer.echo(f"drupe: interrupted{message_end}", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
 @contextmanager
-def said_when_refused(path: Path, *failures: type[Exception]) -> Iterator[None]:
+def exit_when_refused(path: Path, *failures: type[Exception]) -> Iterator[None]:
     """Converts `failures` in the block to exit status 3 and a message that names the input `path`."""
     try:
         yield

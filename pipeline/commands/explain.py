@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted
+from pipeline.commands.endings import exit_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
@@ -93,7 +93,7 @@ def explain(
 
     console = Console(stderr=True)
     try:
-        with said_when_interrupted("; drupe wrote no answer"):
+        with exit_when_interrupted("; drupe wrote no answer"):
             explanation = explain_case(
                 case,
                 fruit_id=fruit,

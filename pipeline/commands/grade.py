@@ -7,7 +7,7 @@ from rich.console import Console
 from typer import Option
 
 from pipeline.batch.batch_place import require_folder
-from pipeline.commands.endings import said_when_interrupted
+from pipeline.commands.endings import exit_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
@@ -72,7 +72,7 @@ def grade(
         from pipeline.run.progress import RunConsole
         from pipeline.run.scheduling import WorkPlace
 
-    with said_when_interrupted("; drupe kept the finished fruit. Run the same command again to continue."):
+    with exit_when_interrupted("; drupe kept the finished fruit. Run the same command again to continue."):
         status, entry = grade_batch(
             batch,
             out,

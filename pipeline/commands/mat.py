@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted
+from pipeline.commands.endings import exit_when_interrupted
 from pipeline.safe_start import elsewhere
 
 SHEETS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
@@ -39,7 +39,7 @@ def mat(
         from recon.cameras.printed_mat import mat_mapping, standard_mat, tag_bits
         from reports.mat_sheet import mat_sheet_pdf
 
-    with said_when_interrupted(""):
+    with exit_when_interrupted(""):
         printed = standard_mat(tag_mm=9.0, gap_mm=2.5, margin_mm=8.5) if cherry else standard_mat()
         bits = {tag: tag_bits(printed.dictionary, tag) for tag in printed.corners_mm}
         title = f"drupe marker mat, {printed.tag_mm:g} mm tags"

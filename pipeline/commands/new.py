@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted
+from pipeline.commands.endings import exit_when_interrupted
 from pipeline.safe_start import elsewhere
 
 
@@ -49,7 +49,7 @@ def new(
     """
     with elsewhere():
         from pipeline.batch.new_batch import make_batch
-    with said_when_interrupted("; drupe wrote no file"):
+    with exit_when_interrupted("; drupe wrote no file"):
         made = make_batch(folder, photos or [], category=category, lot=lot, cultivar=cultivar, like=like)
     pictures = sum(len(fruit.photos) for fruit in made.fruits)
     recordings = sum(len(fruit.recordings) for fruit in made.fruits)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused, say_written
+from pipeline.commands.endings import exit_when_interrupted, exit_when_refused, say_written
 from pipeline.safe_start import elsewhere
 
 
@@ -47,8 +47,8 @@ def robot(
         from tactile.tactile_failure import TactileFailure
 
     with (
-        said_when_interrupted("; drupe wrote no file"),
-        said_when_refused(poses, TactileFailure, ReconFailure),
+        exit_when_interrupted("; drupe wrote no file"),
+        exit_when_refused(poses, TactileFailure, ReconFailure),
     ):
         words = calibrate_robot(
             poses,

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted
+from pipeline.commands.endings import exit_when_interrupted
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import refused
 from pipeline.safe_start import elsewhere
@@ -50,7 +50,7 @@ def sample(
         from samples.shipped import shipped_batches, write_shipped
 
     target, console = folder.resolve(), Console(stderr=True)
-    with said_when_interrupted("; drupe wrote no file"), scratch(near=target) as unfinished:
+    with exit_when_interrupted("; drupe wrote no file"), scratch(near=target) as unfinished:
         try:
             if seed is None:
                 if name not in (known := shipped_batches()):

@@ -14,6 +14,7 @@ from pipeline.batch.settings import Settings
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.files.plain_file import NotReadable, toml_of
 from pipeline.files.toml_text import toml_value
+from pipeline.problem import plain_message
 from reports.effect_words import LISTED
 
 
@@ -32,7 +33,7 @@ def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
     try:
         effects = confirmed_effects(winner, fruit_id=case.name)
     except ValidationError as error:
-        return f"Not applied: {error.errors()[0]['msg'].removeprefix('Value error, ')}."
+        return f"Not applied: {plain_message(error.errors()[0]['msg'])}."
     try:
         with path.open(encoding="utf-8", newline="") as file:
             text = file.read()

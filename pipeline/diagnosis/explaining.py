@@ -14,7 +14,7 @@ from pipeline.batch.layout import CaseFolder, FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.provenance import input_hashes, versions
-from pipeline.batch.results_lock import is_held, results_lock
+from pipeline.batch.results_lock import LOCK, is_held, results_lock
 from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.batch.write_guard import (
     require_file_apart,
@@ -155,7 +155,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
     if results.provenance.is_file():
         require_same_batch(results, batch, input_hashes(batch.folder.root, inputs))
     lists = (place / name for place in (results.root, fruit.root) for name in (MANIFEST, LIST_LOCK))
-    result_files = (*results.files, results.lock, results.run, *fruit.files, *lists)
+    result_files = (*results.files, results.root / LOCK, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):
         if target is not None:
             require_file_apart(

@@ -12,11 +12,12 @@ def as_toml(values: dict[str, Any], prefix: str = "") -> str:
     """
     lines = [f"{_key(key)} = {toml_value(value)}" for key, value in values.items() if not _is_table(value)]
     for key, value in values.items():
+        header = prefix + _key(key)
         if isinstance(value, dict):
-            lines += ["", f"[{prefix}{key}]", as_toml(value, f"{prefix}{key}.").rstrip()]
+            lines += ["", f"[{header}]", as_toml(value, f"{header}.").rstrip()]
         elif _is_table(value):
             for entry in value:
-                lines += ["", f"[[{prefix}{key}]]", as_toml(entry, f"{prefix}{key}.").rstrip()]
+                lines += ["", f"[[{header}]]", as_toml(entry, f"{header}.").rstrip()]
     return "\n".join(lines) + "\n"
 
 
@@ -43,5 +44,5 @@ def toml_value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {toml_value(entry)}" for key, entry in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(key)} = {toml_value(entry)}" for key, entry in value.items()) + " }"
     return repr(value)

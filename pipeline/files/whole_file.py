@@ -4,6 +4,7 @@ import errno
 import fcntl
 import os
 import re
+import shutil
 import stat
 import tempfile
 from contextlib import suppress
@@ -76,21 +77,23 @@ def put(path: Path, data: bytes, *, mode: int = 0o666, like: os.stat_result | No
 def sweep(folder: Path, *, name: str = "") -> None:
     """Removes unfinished files (of the file `name`, or all) that killed runs left in `folder`.
 
-    Such a file is plain, has the name of an unfinished file, belongs to this user, and no process locks it.
+    Such a file has the name of an unfinished file; see `remove_unless_held`.
     """
     with suppress(OSError):
         for path in folder.iterdir():
             if _UNFINISHED.fullmatch(path.name) and path.name.startswith(f".{name}{MARK}" if name else "."):
-                _remove_unless_held(path)
+                remove_unless_held(path)
 
 
-def _remove_unless_held(path: Path) -> None:
+def remove_unless_held(path: Path, *, folder: bool = False) -> None:
+    """Removes a plain file, or a `folder`, that belongs to this user and that no process locks."""
+    of_kind, access = (stat.S_ISDIR, os.O_RDONLY) if folder else (stat.S_ISREG, os.O_RDWR)
     with suppress(OSError):
-        handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        handle = os.open(path, access | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             status = os.fstat(handle)
-            if stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid():
+            if of_kind(status.st_mode) and status.st_uid == os.geteuid():
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                path.unlink()
+                shutil.rmtree(path, ignore_errors=True) if folder else path.unlink()
         finally:
             os.close(handle)

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.softening import COVERAGE
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
-from reports.history_entries import FirmnessEntry
+from reports.history_entries import LINE_POINTS, FirmnessEntry
 
 FEWEST_FRUIT = 8
 """Fewest fruit with E and a reading for a fit: Student's t is 1.94 with six degrees of freedom, a fifth more
@@ -38,8 +38,6 @@ UNITS = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216152605}
 COLUMN = re.compile(r"(?P<column>.+)=\s*(?P<unit>[A-Za-z]+)\s*@(?P<plunger>[^=@]+)")
 OWN_SCALE = "penetrometer_N"
 """A column that drupe defines, in N."""
-LINE_POINTS = 60
-"""Points of a drawn line: one in 14 px of the widest chart."""
 
 
 class NoReading(ValueError):
@@ -174,11 +172,11 @@ def firmness_relations(
         for reading in readings:
             key = fruit.batch.group, reading.plunger_mm
             cells = [force for row in fruit.rows if (force := reading.of(row)) is not None]
-            sound = [force for force in cells if not math.isnan(force)]
-            of_plunger[key] += [float(np.mean(sound))] if sound else []
-            left_out[key] += len(cells) - len(sound)
-            usable[reading] += len(sound)
-            unusable[reading] += len(cells) - len(sound)
+            valid = [force for force in cells if not math.isnan(force)]
+            of_plunger[key] += [float(np.mean(valid))] if valid else []
+            left_out[key] += len(cells) - len(valid)
+            usable[reading] += len(valid)
+            unusable[reading] += len(cells) - len(valid)
         for key, forces in of_plunger.items():
             if forces:
                 pairs[key].append((fruit.E_MPa, float(np.mean(forces))))

@@ -59,7 +59,7 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
     Raises BatchRefused, before it writes a file, for unreadable results or store, invalid options, or a
     target that drupe must not overwrite. Raises NotWritten.
     """
-    _require_sound(outs, wanted)
+    _require_valid_options(outs, wanted)
     added = [stored_batch(out) for out in outs]
     with history_store(wanted.store) as store:
         new = sum([store.add(batch) for batch in added])
@@ -104,7 +104,7 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     return [f"{'would forget' if dry_run else 'forgotten'}: {line}" for line in lines]
 
 
-def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
+def _require_valid_options(outs: Sequence[Path], wanted: HistoryWanted) -> None:
     if not outs and wanted.store is None:
         raise refused(COMMAND, "needs results folders, or a store with --store.")
     if unknown := [kind for kind in wanted.gauge if kind not in APPRAISERS]:

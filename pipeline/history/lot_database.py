@@ -49,7 +49,7 @@ def history_store(
     try:
         with engine.connect() as connection:
             _bring_up_to_date(connection, path, new=new)
-            stored = _sound_store(connection, path, damaged_too=damaged_too)
+            stored = _checked_store(connection, path, damaged_too=damaged_too)
             yield stored
             if not read_only:
                 connection.commit()
@@ -105,7 +105,7 @@ def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -
         command.upgrade(config, "head")
 
 
-def _sound_store(connection: Connection, path: Path | None, *, damaged_too: bool) -> HistoryStore:
+def _checked_store(connection: Connection, path: Path | None, *, damaged_too: bool) -> HistoryStore:
     """The store. Raises BatchRefused with a problem for each damaged batch and the option that removes it."""
     try:
         stored = read_store(connection, path)

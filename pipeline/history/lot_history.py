@@ -17,6 +17,7 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from pipeline.problem import listed
 from reports.entries import RatioPoint, ReferenceBodyEntry
 from reports.history_entries import (
+    LINE_POINTS,
     DayEntry,
     GaugeEntry,
     HistoryEntry,
@@ -28,8 +29,6 @@ from reports.history_entries import (
 LOW, HIGH = 0.5 - COVERAGE / 2, 0.5 + COVERAGE / 2
 """Probabilities below an interval's ends."""
 QUANTILE = float(norm.ppf(HIGH))
-BAND_POINTS = 60
-"""Points of a drawn line: one in 14 px of the widest chart."""
 UNKNOWN_SPREAD = 0.15
 """Standard deviation of ln E of single fruit if a lot has no estimate: moduli of a lot differ by about 15 %.
 Set by hand."""
@@ -160,7 +159,7 @@ def _day_entry(
 
 def _softening_entry(law: Softening) -> SofteningEntry:
     end = law.farthest_day if law.softens else law.last
-    days = np.linspace(law.first, end, BAND_POINTS)
+    days = np.linspace(law.first, end, LINE_POINTS)
     return SofteningEntry(
         day=days,
         E_MPa=np.exp(law.ln_E(days)),

@@ -103,22 +103,30 @@ class Conversion:
 
 def convert_runs(
     source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]
-) -> list[tuple[Path, Conversion]]:
+) -> list[tuple[Path, Conversion | TactileFailure]]:
     """Does `convert`; with `all_runs`, writes each run of a table to OUT-1.h5, OUT-2.h5 and so on.
 
-    Returns the written paths with their sentences. Raises as `convert`; checks all runs before it writes one.
+    Returns each path with the sentences on it, or with the failure of a run that drupe did not write. Raises
+    as `convert`, but for an unusable run only if all are.
     """
     if not wanted.all_runs:
         return [(out, convert(source, out, wanted, report=report))]
     _require_table(source)
     runs = range(1, runs_in(source, words=wanted.trace) + 1)
-    read = [_read(source, replace(wanted, trace=replace(wanted.trace, run=run)), report) for run in runs]
     paths = [out.with_name(f"{out.stem}-{run}{out.suffix}") for run in runs]
     for path in paths:
         _require_writable(source, path, wanted)
-    return [
-        (path, _written(converted, source, path, report)) for path, converted in zip(paths, read, strict=True)
-    ]
+    done: list[tuple[Path, Conversion | TactileFailure]] = []
+    for run, path in zip(runs, paths, strict=True):
+        try:
+            converted = _read(source, replace(wanted, trace=replace(wanted.trace, run=run)), report)
+            done.append((path, _written(converted, source, path, report)))
+        except TactileFailure as failure:
+            done.append((path, failure))
+    failures = [failure for _, failure in done if isinstance(failure, TactileFailure)]
+    if len(failures) == len(done):
+        raise failures[0]
+    return done
 
 
 def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]) -> Conversion:

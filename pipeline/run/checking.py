@@ -12,7 +12,14 @@ from pipeline.batch.confirmed_effects import ConfirmedEffect, effects_on, pit_fo
 from pipeline.batch.fruits_table import FruitRow, given_of
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.named_priors import named_files
-from pipeline.batch.opening import Batch, fruit_folders, shape_from_photos, survey
+from pipeline.batch.opening import (
+    Batch,
+    fruit_folders,
+    model_faults,
+    provider_faults,
+    shape_from_photos,
+    survey,
+)
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
@@ -36,6 +43,7 @@ from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, doubted, tried
 from pipeline.run.photo_checks import photo_problems
+from pipeline.safe_start import elsewhere
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
@@ -74,6 +82,7 @@ def check(
         yield from unused_of_batch(folder, named_files(folder, batch.settings))
         for name in batch.row_of:
             yield from unused_of_fruit(folder.fruit(name))
+    yield from _of_model(batch)
     for number, row in enumerate(batch.rows, 1):
         report(f"{row.fruit_id} ({number} of {len(batch.rows)})")
         yield from _CheckedFruit(batch=batch, row=row, read=read).problems(quick=quick)
@@ -280,6 +289,19 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
 
     problems = list(tried(row, path, read)) if stands(path) else []
     return (held[0] if held else None), problems
+
+
+def _of_model(batch: Batch) -> Iterator[Problem]:
+    """The fault of the batch's own ONNX model that opening it shows; `survey` reports the others."""
+    folder, settings, recon = batch.folder, batch.settings, batch.settings.recon
+    if recon.geometry_model is None or [*model_faults(folder, settings), *provider_faults(settings)]:
+        return
+    with elsewhere():
+        from recon.learned.usable_model import require_usable
+    try:
+        require_usable(folder.root / recon.geometry_model, providers=recon.providers)
+    except ReconFailure as failure:
+        yield Problem(str(folder.settings), f'"recon.geometry_model": {failure.detail}')
 
 
 def _in_two_fruit(batch: Batch, read: Read) -> Iterator[Problem]:

@@ -21,12 +21,13 @@ from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_batch
 from pipeline.batch.write_guard import require_results_place
 from pipeline.exit_status import INTERRUPTED, USAGE
+from pipeline.files.free_memory import free_memory_MiB
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
 from pipeline.run.fruit_queue import FruitQueue, ended_record, with_forced
-from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit, share_MiB
+from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, jobs_that_fit, share_MiB
 from pipeline.run.progress import BatchProgress, say
 from pipeline.run.reporting import ReportPace, outcomes_of, report, report_so_far
 from pipeline.run.runner import LocalPool, work_on

@@ -1,7 +1,4 @@
-"""Free memory, and the number of fruit that fit into it at once."""
-
-from collections.abc import Iterator
-from pathlib import Path
+"""The number of fruit that fit into the free memory at once."""
 
 PER_FRUIT_MIB = {"photos": 1500.0, "mesh": 1000.0, "traces": 600.0}
 """Peak of one fruit's process (`peak_memory_MiB` in record.json), plus a tenth: 1.3 GiB for 36 photos, 0.89
@@ -12,15 +9,6 @@ libraries (`benchmarks/campaign_kills.py`, `peak_memory_MiB` in record.json)."""
 
 KEPT_FREE = 0.1
 """Share of the free memory that no fruit gets: the command itself and other programs grow. Set by hand."""
-
-
-def free_memory_MiB(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
-    """Available memory in MiB: the machine's, or less if a container or control group has a limit.
-
-    None if the system does not report it.
-    """
-    left_bytes = [*_of_machine(proc / "meminfo"), *_of_groups(proc / "self" / "cgroup", groups)]
-    return min(left_bytes) / 2**20 if left_bytes else None
 
 
 def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float | None) -> int:
@@ -35,43 +23,3 @@ def share_MiB(jobs: int, per_fruit_MiB: float, *, free_MiB: float) -> float:
     fruit needs.
     """
     return max(per_fruit_MiB, (1.0 - KEPT_FREE) * free_MiB / jobs)
-
-
-def _of_machine(meminfo: Path) -> Iterator[float]:
-    try:
-        lines = meminfo.read_text().splitlines()
-    except OSError:
-        return
-    said = {line.split(":")[0]: line.split()[1] for line in lines if len(line.split()) > 1}
-    if "MemAvailable" in said:
-        yield float(said["MemAvailable"]) * 2**10
-
-
-def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:
-    """Memory left in each control group around this process (versions 2 and 1); file cache counts as free."""
-    try:
-        lines = cgroup_file.read_text().splitlines()
-    except OSError:
-        return
-    for line in lines:
-        _, kinds, path = line.split(":", 2)
-        if kinds == "" or "memory" in kinds.split(","):
-            root = groups if kinds == "" else groups / "memory"
-            place = root / path.lstrip("/")
-            for folder in (place, *place.parents):
-                if not folder.is_relative_to(root):
-                    break
-                yield from _left(folder, "memory.max", "memory.current", "inactive_file")
-                yield from _left(
-                    folder, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-                )
-
-
-def _left(folder: Path, limit: str, usage: str, cache: str) -> Iterator[float]:
-    try:
-        most, used = (folder / limit).read_text().strip(), float((folder / usage).read_text())
-        counters = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
-    except (OSError, ValueError):
-        return
-    if most.isdigit() and int(most) < 2**60:
-        yield max(0.0, int(most) - used + float(counters.get(cache, 0)))

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from jaxtyping import Float
+from onnxruntime import InferenceSession
 
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat, detect_tags
@@ -73,17 +74,11 @@ def point_maps(
     the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model) that names the
     file and the missing or misshapen input, output or provider.
     """
-    session = opened(model, providers)
+    session = geometry_session(model, providers)
     offered = [o.name for o in session.get_outputs()]
-    inputs = {i.name: i for i in session.get_inputs()}
-    if list(inputs) != [INPUT] or len(inputs[INPUT].shape) != 5:
-        shapes = {name: i.shape for name, i in inputs.items()}
-        raise bad_model(model, f"takes the inputs {shapes}", f'one input "{INPUT}" of shape {SIGNATURE}')
-    kind = "float16" if "float16" in inputs[INPUT].type else "float32"
-    rows, columns = inputs[INPUT].shape[3:]
-    if POINTS not in offered:
-        others = ", ".join(sorted(offered)) or "none"
-        raise bad_model(model, f'has no output "{POINTS}" (its outputs are {others})', f'"{POINTS}"')
+    (given,) = session.get_inputs()
+    kind = "float16" if "float16" in given.type else "float32"
+    rows, columns = given.shape[3:]
     height, width = photos[0].image.shape[:2]
     columns = columns if isinstance(columns, int) else WIDTH_PX
     if not isinstance(rows, int):
@@ -103,6 +98,19 @@ def point_maps(
         fault = f"gives {int(np.isfinite(trust).sum())} finite points"
         raise bad_model(model, fault, f"at least {FEWEST_POINTS}")
     return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), trust
+
+
+def geometry_session(model: Path, providers: Sequence[str]) -> InferenceSession:
+    """An open geometry model. Raises ReconFailure (bad-geometry-model) that names the file and its fault."""
+    session = opened(model, providers)
+    inputs = {i.name: i.shape for i in session.get_inputs()}
+    if list(inputs) != [INPUT] or len(inputs[INPUT]) != 5:
+        raise bad_model(model, f"takes the inputs {inputs}", f'one input "{INPUT}" of shape {SIGNATURE}')
+    offered = [o.name for o in session.get_outputs()]
+    if POINTS not in offered:
+        others = ", ".join(sorted(offered)) or "none"
+        raise bad_model(model, f'has no output "{POINTS}" (its outputs are {others})', f'"{POINTS}"')
+    return session
 
 
 def _world_from_tags(

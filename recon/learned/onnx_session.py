@@ -9,12 +9,17 @@ os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which would stor
 import numpy as np
 import onnxruntime
 
-from pipeline.files.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
+from pipeline.files.free_memory import free_memory_MiB
+from pipeline.files.limited_memory import limited_memory
 from recon.learned.onnx_file import bad_model, model_files, require_onnx
 
 INPUT = "images"
 SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
 """Memory to load a model: this multiple of its files (constants are copied), plus this many bytes."""
+SHARE_OF_FREE = 0.75
+"""Share of the free memory that one run of a model may take. Set by hand."""
+UNKNOWN_MIB = 1e6
+"""Free memory of a system that does not report it."""
 
 
 def providers_fault(providers: Sequence[str]) -> str:
@@ -54,7 +59,8 @@ def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSessio
     most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES
     try:
         with limited_memory(most):
-            return onnxruntime.InferenceSession(str(model), options, providers=usable)
+            # the fallback would print, and load the same file again
+            return onnxruntime.InferenceSession(str(model), options, providers=usable, enable_fallback=0)
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(
             model,
@@ -74,11 +80,14 @@ def ran(
 ) -> list[np.ndarray]:
     """Outputs of the model for `images`, its one input, with at most `most_bytes` more memory.
 
-    None: SHARE_OF_FREE of the machine's free memory. Raises ReconFailure (bad-geometry-model) that states
-    `signature`, the expected shape of `images`.
+    None: SHARE_OF_FREE of the memory that is free in this machine or control group. Raises ReconFailure
+    (bad-geometry-model) that states `signature`, the expected shape of `images`.
     """
+    if most_bytes is None:
+        free_MiB = free_memory_MiB()
+        most_bytes = int(SHARE_OF_FREE * (UNKNOWN_MIB if free_MiB is None else free_MiB) * 2**20)
     try:
-        with limited_memory(int(SHARE_OF_FREE * free_bytes()) if most_bytes is None else most_bytes):
+        with limited_memory(most_bytes):
             return list(session.run(list(outputs), {INPUT: images}))
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(

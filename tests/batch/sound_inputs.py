@@ -1,6 +1,7 @@
 """A small sound batch, case and sources of `drupe convert`, in all of which nothing is wrong."""
 
 import json
+import sys
 from itertools import product
 from pathlib import Path
 
@@ -9,11 +10,15 @@ import numpy as np
 from jaxtyping import UInt8
 
 from recon.cameras.printed_mat import mat_mapping, standard_mat
+from recon.learned.fruit_model import SIDE_PX
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
 from tactile.readers.recording import GelPad, Recording, write_recording
+
+sys.path.append(str(Path(__file__).parents[1] / "recon"))
+from tiny_onnx import write_constant_model
 
 ROOT = Path(__file__).resolve().parents[2]
 BATCH = """category = "mine.toml"
@@ -86,7 +91,10 @@ def write_sound(root: Path) -> None:
     (batch / "fruits.csv").write_text(TABLE)
     (batch / "mat.json").write_text(json.dumps(mat_mapping(standard_mat()), indent=1))
     (batch / "mine.toml").write_bytes((ROOT / "recon" / "pit" / "priors" / "nectarine.toml").read_bytes())
-    (batch / "model.onnx").write_bytes(_small_onnx())
+    log_odds = np.zeros((1, 1, 2, 2))
+    write_constant_model(
+        batch / "model.onnx", {"fruit_log_odds": log_odds}, input_shape=("n", 3, SIDE_PX, SIDE_PX)
+    )
     fruit = (28 * directions, faces)
     (first / "fruit.ply").write_bytes(mesh_bytes(*fruit))
     (first / "pit.ply").write_bytes(mesh_bytes(*place_pit(*fruit, load_prior("nectarine"))))
@@ -189,9 +197,3 @@ def _write_sources(folder: Path) -> None:
         "3D_ResultantMoment": np.zeros((20, 1, 3)),
     }.items():
         np.save(tac3d / f"{name}.npy", values)
-
-
-def _small_onnx() -> bytes:
-    """An empty model: IR version 8, a graph, an opset."""
-    graph = b"\x12\x01g"
-    return b"\x08\x08" + b"\x3a" + bytes([len(graph)]) + graph + b"\x42\x02\x10\x11"

@@ -30,7 +30,7 @@ BROKEN = {
         ["this is a single case; use `drupe explain`"],
     ),
     "cut mat": (lambda b: (b / "mat.json").write_text("{"), ["mat.json"]),
-    "absent model": (absent_model, ['batch.toml: "recon.learned.geometry_model": found "vggt.onnx"']),
+    "absent model": (absent_model, ['batch.toml: "recon.geometry_model": found "vggt.onnx"']),
 }
 
 

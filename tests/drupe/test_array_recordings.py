@@ -62,8 +62,14 @@ def test_nothing_is_overwritten(arrays, tmp_path):
     with pytest.raises(drupe.DrupeError, match=r"grasp\.h5: exists already"):
         drupe.write_recording(mine, drupe.recording(**arrays))
     assert mine.read_text() == "my notes"
-    with pytest.raises(drupe.DrupeError, match=r'found the ending "", expected \.h5'):
-        drupe.write_recording(tmp_path / "grasp", drupe.recording(**arrays))
+
+
+@pytest.mark.parametrize("name", ["grasp", "grasp.mat", "grasp.csv"])
+def test_a_recording_is_written_as_hdf5_alone(arrays, tmp_path, name):
+    ending = Path(name).suffix
+    with pytest.raises(drupe.DrupeError, match=rf'found the ending "{ending}", expected \.h5 or \.hdf5$'):
+        drupe.write_recording(tmp_path / name, drupe.recording(**arrays))
+    assert not (tmp_path / name).exists()
 
 
 @pytest.mark.parametrize(

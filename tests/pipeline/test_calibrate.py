@@ -112,3 +112,9 @@ def test_a_description_is_written_as_it_was_read() -> None:
     values = tomllib.loads(DRAFT + 'note = "a \\"quoted\\" \\\\ word"\n')
     values["recordings"] = [{"name": "a.csv", "force_N": [1.0, 0.0]}] * 3
     assert tomllib.loads(as_toml(values)) == values
+
+
+@pytest.mark.parametrize("name", ["Brix (%)", "a.b", "", 'a "b"', "Größe"])
+def test_a_name_that_is_no_bare_key_is_quoted_everywhere(name: str) -> None:
+    values = {name: 1, "table": {name: {name: 2}}, "tables": [{name: [{name: 3}]}], "inline": [[{name: 4}]]}
+    assert tomllib.loads(as_toml(values)) == values

@@ -1,6 +1,8 @@
 """`drupe check` says of every file what stands in its way, and what grading will put in doubt."""
 
 import re
+import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,10 +12,14 @@ from small_batches import DATA, batch_of_nectarines, run, times_force
 from pipeline.batch.opening import open_batch
 from pipeline.run import checking as checking
 from pipeline.run.checking import check, implausible
+from recon.learned.fruit_model import SIDE_PX
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
 from tactile.readers.recording import read_recording
+
+sys.path.append(str(Path(__file__).parents[1] / "recon"))
+from tiny_onnx import write_constant_model
 
 
 @pytest.fixture
@@ -54,6 +60,45 @@ def test_a_fault_of_drupe_itself_is_one_line_of_the_file_and_hides_no_other(batc
     assert "\n" not in first
     assert "of the library" not in first
     assert second.startswith("fruits/B/grasps/grasp-1.h5")
+
+
+def with_model(batch, **shapes):
+    """The batch with a constant model of its own, by default one that `drupe` can use."""
+    side = shapes.get("side", SIDE_PX)
+    name = shapes.get("output", "fruit_log_odds")
+    outputs = {name: np.zeros((1, 1, 2, 2))}
+    write_constant_model(batch / "model.onnx", outputs, input_shape=("n", 3, side, side))
+    with (batch / "batch.toml").open("a") as file:
+        file.write('\n[recon]\ngeometry_model = "model.onnx"\n')
+    return batch / "model.onnx"
+
+
+@pytest.mark.parametrize("damage", [lambda whole: whole[:-40], lambda whole: b"nonsense" * 99])
+def test_a_damaged_model_is_named_before_the_first_fruit(batch, damage):
+    model = with_model(batch)
+    assert said(batch) == []
+    model.write_bytes(damage(model.read_bytes()))
+    (line,) = said(batch)
+    assert line.startswith('batch.toml: "recon.geometry_model": The geometry model model.onnx is damaged')
+
+
+@pytest.mark.parametrize(
+    ("shapes", "words"),
+    [
+        ({"side": 64}, "takes the inputs {'images': ['n', 3, 64, 64]}; expected one input"),
+        ({"output": "depth"}, "takes the inputs {'images': ['n', 3, 192, 192]}; expected one input"),
+    ],
+)
+def test_a_model_with_other_inputs_is_named_before_the_first_fruit(batch, shapes, words):
+    with_model(batch, **shapes)
+    (line,) = said(batch)
+    assert words in line
+
+
+def test_a_missing_model_is_one_problem(batch):
+    with_model(batch).unlink()
+    (line,) = said(batch)
+    assert "is not a file" in line
 
 
 def test_each_mesh_is_read_once(batch, monkeypatch):

@@ -306,6 +306,24 @@ def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
         np.testing.assert_allclose(force, (1 + 0.1 * k) * PRESSED, atol=1e-6)
 
 
+def test_a_bad_run_is_named_and_costs_no_other_run(tmp_path: Path) -> None:
+    lacking = np.where(np.arange(30) == 9, np.nan, PRESSED)
+    body = [table("", TIMES, GONE, force).lstrip() for force in (PRESSED, lacking, 1.2 * PRESSED)]
+    (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
+    code, said = run(tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
+    assert code == 3
+    assert f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 1 of 30 rows" in said
+    assert [f"wrote {tmp_path / f'all-{k}.h5'}\n" in said for k in (1, 2, 3)] == [True, False, True]
+    assert sorted(path.name for path in tmp_path.glob("*.h5")) == ["all-1.h5", "all-3.h5"]
+    np.testing.assert_allclose(read_back(tmp_path / "all-3.h5")[2], 1.2 * PRESSED, atol=1e-6)
+
+
+def test_a_table_without_a_usable_run_is_refused(tmp_path: Path) -> None:
+    lacking = np.where(np.arange(30) == 9, np.nan, PRESSED)
+    (tmp_path / "t.csv").write_text(f"{HEADER}\n{2 * table('', TIMES, GONE, lacking).lstrip()}")
+    assert "found 1 of 30 rows" in refused(tmp_path, tmp_path / "t.csv", "--run", "all")
+
+
 @pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
 def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
     assert "the number of a run (from 1), or all" in refused(tmp_path, written(tmp_path), f"--run={text}")

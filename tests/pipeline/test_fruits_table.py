@@ -1,5 +1,6 @@
 """fruits.csv: every fault of every row is named."""
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -139,6 +140,15 @@ def test_tables_of_other_countries_and_spreadsheets_are_read(tmp_path, separator
     assert faults == []
     assert [(row.fruit_id, row.height_mm) for row in records] == [("A", 57.8), ("B", 61.5)]
     assert records[0].notes == "late, 3,4 days"
+
+
+@pytest.mark.parametrize(("separator", "other"), [*itertools.permutations(",;\t", 2)])
+def test_the_most_frequent_separator_of_the_header_separates(tmp_path, separator, other):
+    header = separator.join(["fruit_id", "height_mm", "mass_g", f'"cheek{other} 1"'])
+    rows, faults = read_fruits(table(tmp_path, f"{header}\n{separator.join(['A', '57.8', '90', '1'])}\n"))
+    assert [(row.fruit_id, row.height_mm, row.mass_g) for row in rows] == [("A", 57.8, 90.0)]
+    (fault,) = faults
+    assert 'unknown column "cheek' in str(fault)
 
 
 def test_letters_of_any_script_are_ids_and_are_composed(tmp_path):

@@ -8,6 +8,7 @@ from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
 from pipeline.history.appraisers import gauge_study
 from pipeline.history.lot_statistics import (
+    class_ranges,
     lot_differences,
     lot_statistics,
     needed_fruit,
@@ -43,6 +44,12 @@ def test_an_interaction_that_is_simulated_is_its_own_component():
     part, both = rng.normal(0, 2, (400, 1, 1)), rng.normal(0, 0.7, (400, 3, 1))
     study = gauge_study(part + both + rng.normal(0, 0.3, (400, 3, 2)))
     assert (study.repeatability, study.interaction, study.part) == pytest.approx((0.3, 0.7, 2.0), rel=0.1)
+
+
+def test_no_class_is_dropped_where_one_before_the_last_has_no_limit():
+    with pytest.raises(ValueError, match="shorter"):
+        class_ranges([("ready", None), ("firm", 0.5), ("hard", None)])
+    assert class_ranges([]) == []
 
 
 def test_one_fruit_has_no_spread():

@@ -17,11 +17,12 @@ from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.scratch import PREFIX, scratch
+from pipeline.files.free_memory import free_memory_MiB
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner
 from pipeline.run.batch_run import GradeOptions
-from pipeline.run.memory import free_memory_MiB, jobs_that_fit
+from pipeline.run.memory import jobs_that_fit
 
 
 @pytest.mark.parametrize(

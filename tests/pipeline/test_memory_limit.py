@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from pipeline.files.limited_memory import limited_memory
+from pipeline.files.limited_memory import _addresses_in_use, limited_memory
 from tactile.readers.limited_process import tried
 
 MIB, GIB = 2**20, 2**30
@@ -15,6 +15,11 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there
 
 def limit():
     return resource.getrlimit(resource.RLIMIT_AS)[0]
+
+
+def limit_after(most):
+    """The limit of a block that begins now, in a process without other blocks."""
+    return _addresses_in_use() + most
 
 
 @pytest.fixture(autouse=True)
@@ -58,6 +63,21 @@ def test_blocks_that_overlap_leave_no_limit(sizes):
     assert limit() == before
 
 
+@pytest.mark.parametrize("sizes", [(GIB, 2 * GIB), (2 * GIB, GIB)])
+def test_of_two_open_blocks_the_tighter_limit_holds(sizes):
+    tight, wide = 10 * MIB + limit_after(GIB), limit_after(2 * GIB)
+    with limited_memory(sizes[0]), limited_memory(sizes[1]):
+        assert limit() < tight < wide
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_block_that_ends_leaves_the_limit_of_the_other(first):
+    blocks = [Block(most).begun() for most in (GIB, 2 * GIB)]
+    blocks[first].end()
+    assert limit() == pytest.approx(limit_after((2 * GIB, GIB)[first]), abs=200 * MIB)
+    blocks[1 - first].end()
+
+
 def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own():
     before = limit()
     for _ in range(2):
@@ -71,13 +91,20 @@ def test_a_limit_of_the_user_is_not_widened():
     resource.setrlimit(resource.RLIMIT_AS, (user_limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
     with limited_memory(40 * GIB):
         assert limit() == user_limit
-    with limited_memory(GIB), limited_memory(40 * GIB):
+    with limited_memory(60 * GIB), limited_memory(40 * GIB):
         assert limit() == user_limit
     assert limit() == user_limit
 
 
-def test_a_trial_has_its_own_limit_beside_a_wider_block():
+def test_a_trial_has_its_own_limit_beside_a_tighter_block():
     """The block's thread is not in the process of the trial."""
+    block = Block(100 * MIB).begun()
+    trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=4 * GIB)
+    block.end()
+    assert (trial.exceeded, trial.lines) == ("", (str(GIB),))
+
+
+def test_a_trial_has_its_own_limit_beside_a_wider_block():
     block = Block(4 * GIB).begun()
     trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=100 * MIB)
     block.end()

@@ -149,6 +149,16 @@ def test_another_kind_of_model_is_told_by_its_outputs(tmp_path):
     assert is_fruit_model(SHIPPED)
 
 
+def test_a_damaged_model_prints_nothing(tmp_path, capfd):
+    """onnxruntime would print words of its own and load the file a second time."""
+    path = tmp_path / "model.onnx"
+    write_constant_model(path, {"fruit_log_odds": np.zeros((1, 1, 2, 2))}, input_shape=("n", 3, 192, 192))
+    path.write_bytes(path.read_bytes().replace(b"ReduceMean", b"ReduceM\xf3an"))
+    with refused(ReconProblem.BAD_GEOMETRY_MODEL, "is damaged"):
+        fruit_model(path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_fruit_model_of_another_shape_is_refused_with_file_found_and_expected(tmp_path):
     path = tmp_path / "small.onnx"
     write_constant_model(path, {"fruit_log_odds": np.zeros((1, 1, 32, 32))}, input_shape=("n", 3, 64, 64))

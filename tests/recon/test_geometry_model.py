@@ -7,11 +7,12 @@ import pytest
 from mat_scene import Egg, photographed, point_map, ring
 from refusals import refused
 from scipy.spatial.transform import Rotation
-from tiny_onnx import write_constant_model
+from tiny_onnx import write_constant_model, write_large_model
 
 from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import reconstruct_with_model
 from recon.learned.geometry_model import point_maps
+from recon.learned.onnx_session import opened, ran
 from recon.recon_failure import ReconProblem
 from recon.triangle_mesh import open_edges, volume_mm3
 
@@ -89,3 +90,14 @@ def test_a_bare_ground_shows_no_fruit(tmp_path):
     path = written(tmp_path, {"world_points": points_of(Egg(semi_mm=(1e-3, 1e-3, 1e-3)))})
     with refused(ReconProblem.NO_FRUIT, "lie above the ground"):
         reconstruct_with_model(photos(), path, mat=standard_mat(), height_mm=None)
+
+
+def test_a_run_is_limited_to_a_share_of_the_free_memory(tmp_path, monkeypatch):
+    """A control group (a container, a job) has less free memory than its machine."""
+    path, images = tmp_path / "model.onnx", np.zeros((1, 3, 192, 192), np.float32)
+    write_large_model(path, 6000)  # a matrix of 144 MB
+    monkeypatch.setattr("recon.learned.onnx_session.free_memory_MiB", lambda: 100.0)
+    with refused(ReconProblem.BAD_GEOMETRY_MODEL, "failed while it ran"):
+        ran(path, opened(path, ["CPUExecutionProvider"]), ["fruit_log_odds"], images, signature="")
+    monkeypatch.setattr("recon.learned.onnx_session.free_memory_MiB", lambda: 1000.0)
+    ran(path, opened(path, ["CPUExecutionProvider"]), ["fruit_log_odds"], images, signature="")

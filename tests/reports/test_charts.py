@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reports
+from reports import charts
 from reports.charts import padded
 from reports.charts_fruit import fruit_charts, model_curve, residual_um
 from reports.entries import FruitEntry
@@ -54,6 +55,15 @@ def test_a_force_chart_leaves_out_what_is_not_a_number():
     assert marks["x"] == pytest.approx(np.delete(travel, 3))
     assert marks["y"] == pytest.approx(np.delete(force, 3))
     assert not layers(chart, "line")
+
+
+def test_what_belongs_to_a_point_goes_with_it():
+    gone = float("nan")
+    marks = charts.layer(
+        "marks", [0, gone, 2, 3], [1, 5, gone, 7], tips=[*"abcd"], y_sd=[0.1, gone, gone, 0.4]
+    )
+    assert (marks["x"], marks["y"], marks["tips"], marks["y_sd"]) == ([0, 3], [1, 7], ["a", "d"], [0.1, 0.4])
+    assert charts.layer("marks", [0, gone], [1, 2], tips=[])["tips"] == []
 
 
 def test_long_recordings_are_thinned():

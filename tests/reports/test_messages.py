@@ -3,6 +3,7 @@
 import re
 import sys
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import typer
@@ -12,6 +13,8 @@ from report_batches import batch_of, graded_fruit
 from fem.estimation.modulus_warnings import warnings_of
 from fem.grasp_history import GraspHistory
 from pipeline.batch.outcome import Outcome
+from pipeline.batch.write_guard import require_file_apart, require_free, require_made_by_drupe
+from pipeline.problem import BatchRefused
 from pipeline.terminal_language import in_language_of_locale
 from reports.entries import ReferenceEntry, ScreenEntry, Suspect
 from reports.language import ENGLISH, LANGUAGES, spoken
@@ -72,6 +75,28 @@ def test_a_sentence_in_a_sentence_is_translated_and_figures_have_the_language_s_
     sentence = Outcome.IMPLAUSIBLE_MODULUS.sentence("14.25 MPa (expected 0.005 to 12 MPa)")
     with spoken("es"):
         assert message(sentence).startswith("E sería 14,25 MPa (se esperaba de 0,005 a 12 MPa), fuera del ")
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_file_in_the_way_is_named_in_one_language(language, tmp_path):
+    (tmp_path / "mine").write_text("my notes")
+    (tmp_path / "link").symlink_to(tmp_path / "mine")
+    (tmp_path / "folder" / "inner").mkdir(parents=True)
+    checks = [
+        partial(require_free, [tmp_path / "mine"], "--out"),
+        partial(require_free, [tmp_path / "link"], "--out"),
+        partial(require_made_by_drupe, tmp_path, "--out"),
+        partial(require_made_by_drupe, tmp_path / "mine", "--out"),
+        partial(require_made_by_drupe, tmp_path / "new", "--out", outside=[tmp_path]),
+        partial(require_file_apart, tmp_path / "new", inputs=[], folders=[tmp_path]),
+    ]
+    for check in checks:
+        with pytest.raises(BatchRefused) as refused:
+            check()
+        english = str(refused.value.problems[0])
+        with spoken(language):
+            assert re.search(r"another|choose|give", english)
+            assert not re.search(r"another|choose|give", message(english)), message(english)
 
 
 def test_a_warning_as_the_mechanics_gives_it_is_translated():

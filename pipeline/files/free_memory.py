@@ -1,0 +1,53 @@
+"""Free memory of the machine, a container or a control group."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def free_memory_MiB(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
+    """Available memory in MiB: the machine's, or less if a container or control group has a limit.
+
+    None if the system does not report it.
+    """
+    left_bytes = [*_of_machine(proc / "meminfo"), *_of_groups(proc / "self" / "cgroup", groups)]
+    return min(left_bytes) / 2**20 if left_bytes else None
+
+
+def _of_machine(meminfo: Path) -> Iterator[float]:
+    try:
+        lines = meminfo.read_text().splitlines()
+    except OSError:
+        return
+    said = {line.split(":")[0]: line.split()[1] for line in lines if len(line.split()) > 1}
+    if "MemAvailable" in said:
+        yield float(said["MemAvailable"]) * 2**10
+
+
+def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:
+    """Memory left in each control group around this process (versions 2 and 1); file cache counts as free."""
+    try:
+        lines = cgroup_file.read_text().splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, kinds, path = line.split(":", 2)
+        if kinds == "" or "memory" in kinds.split(","):
+            root = groups if kinds == "" else groups / "memory"
+            place = root / path.lstrip("/")
+            for folder in (place, *place.parents):
+                if not folder.is_relative_to(root):
+                    break
+                yield from _left(folder, "memory.max", "memory.current", "inactive_file")
+                yield from _left(
+                    folder, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+                )
+
+
+def _left(folder: Path, limit: str, usage: str, cache: str) -> Iterator[float]:
+    try:
+        most, used = (folder / limit).read_text().strip(), float((folder / usage).read_text())
+        counters = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+    except (OSError, ValueError):
+        return
+    if most.isdigit() and int(most) < 2**60:
+        yield max(0.0, int(most) - used + float(counters.get(cache, 0)))
