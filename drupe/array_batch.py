@@ -47,7 +47,7 @@ def array_batch(
     settings: Mapping[str, Any] | None,
 ) -> Iterator[Path]:
     """Yields the batch's folder and deletes it at the end of the block. Raises DrupeError for unusable
-    arguments, and instead of failures of drupe's packages in the block.
+    arguments. Failures of drupe's packages in the block become DrupeError.
     """
     given = list(recordings) if isinstance(recordings, Iterable) else [recordings]
     wrong = [type(held).__name__ for held in given if not isinstance(held, Recording)]

@@ -48,7 +48,9 @@ class Hold:
 
 
 def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float = 0.35) -> Motion:
-    """Ten frames in air, load to 0.66 of the deepest, unload, load to the deepest, hold, unload, air."""
+    """Ten frames in air, load to 0.66 of the deepest, unload, load to the deepest, hold for three frames,
+    unload, five frames in air.
+    """
     air, away = np.full(10, -clearance_mm), -0.12
     first = np.linspace(0, 0.66 * deepest_mm, 7)[1:]
     off = np.linspace(0.66 * deepest_mm, away, 5)[1:]

@@ -16,13 +16,13 @@ from jaxtyping import AbstractArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 CALLS: Counter[Any] = Counter()
-"""Calls of each function in the present test, by its code."""
+"""Calls of each function in the present test, by the identity of its code: equal code is shared by classes."""
 CHECKED = 5
 """Calls of each function that are checked in a test."""
 
 
 def check(function: F) -> F:
-    """The function with its arguments and result held against their dtypes and shapes."""
+    """The function with its arguments and result checked against their dtypes and shapes."""
     hints = function.__annotations__
     function.__annotations__ = {name: hint if has_array(hint) else Any for name, hint in hints.items()}
     return beartype(conf=BeartypeConf(is_pep484_tower=True))(function)
@@ -55,11 +55,11 @@ def first_calls_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
             if isinstance(defined, classmethod | staticmethod):
                 return type(defined)(decorate(defined.__func__))
             if isinstance(defined, property):
-                return property(*(part and decorate(part) for part in (defined.fget, defined.fset)))
+                return defined.getter(decorate(defined.fget))
             of_class = inspect.isclass(defined)
             plain = defined.__init__ if of_class else defined
             hints = getattr(plain, "__annotations__", {}).values()
-            code = getattr(plain, "__code__", None)
+            code = id(getattr(plain, "__code__", None))
             if not any(isinstance(hint, str) or has_array(hint) for hint in hints) or CALLS[code] >= CHECKED:
                 return defined
             checked = wrap(defined)
@@ -75,7 +75,7 @@ def first_calls_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
 
 def _checked_first(checked: Callable[..., Any], plain: Callable[..., Any]) -> Callable[..., Any]:
     """The checked function in its first calls of a test, the plain one in later calls."""
-    code = plain.__code__
+    code = id(plain.__code__)
 
     @wraps(plain)
     def call(*args: Any, **named: Any) -> Any:

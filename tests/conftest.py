@@ -1,4 +1,4 @@
-"""Array shapes and dtypes that functions declare are checked while tests run.
+"""Array shapes and dtypes that functions declare are checked in the first calls of each test.
 
 The hook holds for what this process imports; workers that tests start as processes of their own are not
 checked.

@@ -144,7 +144,9 @@ def _require(name: str, value: Value, parameter: EffectParameter) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class PitFound:
-    """Offset and scale of the pit against its prior, with standard deviations (`size_sd` relative)."""
+    """Offset and scale of the pit against its prior, with standard deviations (`size_sd` relative). The
+    standard deviations are 0 if no confirmed effect concerns the pit.
+    """
 
     offset_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
     offset_sd_mm: float = 0.0

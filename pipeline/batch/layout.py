@@ -203,7 +203,9 @@ class FruitResults:
         claim(self.root)
 
     def forget(self) -> None:
-        """Removes an earlier run's files (not mismatch.json), first the record: it must match the others."""
+        """Removes an earlier run's files except mismatch.json. The record goes first, so that no record stands
+        beside files of another run.
+        """
         for path in self.files:
             if path != self.mismatch:
                 remove(path)
@@ -254,8 +256,9 @@ class Results:
 def write_whole(path: Path, content: bytes | str) -> None:
     """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
 
-    In a folder with a list of drupe's files, the list gets the file. There, drupe waits for other processes,
-    and does not replace a file that it did not write. Bytes in the text that are not UTF-8 are escaped.
+    In a results folder, drupe adds the file to its list of written files. There, drupe waits for other
+    processes, and does not replace a file that it did not write. Bytes in the text that are not UTF-8 are
+    escaped.
     Raises NotWritten.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content

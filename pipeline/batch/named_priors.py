@@ -53,7 +53,7 @@ def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
 
 
 def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """The same files, and the file of the geometry model."""
+    """The files of `own_files`, and the path of the geometry model, whether or not it exists."""
     model = settings.recon.geometry_model
     return (*own_files(folder, settings), *([folder.root / model] if model else []))
 

@@ -204,7 +204,7 @@ class Device(Strict):
 
 class SensorSettings(Device):
     """The tactile sensor, with errors that its maker or calibration states: relative scale errors of single
-    markers, and of a pad's place along the skin.
+    markers, and the standard deviation of a pad's place along the skin (mm).
 
     `common_scale_sd`: of a common factor on force and gel stiffness, if a recording states none.
     `picture_scale_sd`: of the scale of the gel's pictures. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`: the

@@ -37,17 +37,17 @@ def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:
             for folder in (place, *place.parents):
                 if not folder.is_relative_to(root):
                     break
-                yield from _left(folder, "memory.max", "memory.current", "inactive_file")
-                yield from _left(
-                    folder, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-                )
+                yield from _left(folder, "memory.max", "memory.current", "")
+                yield from _left(folder, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_")
 
 
-def _left(folder: Path, limit: str, usage: str, cache: str) -> Iterator[float]:
+def _left(folder: Path, limit: str, usage: str, prefix: str) -> Iterator[float]:
+    """What a limit leaves, bytes; the system drops cached files when a process needs the memory."""
     try:
         most, used = (folder / limit).read_text().strip(), float((folder / usage).read_text())
         counters = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
     except (OSError, ValueError):
         return
     if most.isdigit() and int(most) < 2**60:
-        yield max(0.0, int(most) - used + float(counters.get(cache, 0)))
+        cached = sum(float(counters.get(f"{prefix}{kind}_file", 0)) for kind in ("active", "inactive"))
+        yield max(0.0, int(most) - used + cached)

@@ -19,7 +19,7 @@ SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
 SHARE_OF_FREE = 0.75
 """Share of the free memory that one run of a model may take. Set by hand."""
 UNKNOWN_MIB = 1e6
-"""Free memory of a system that does not report it."""
+"""Assumed free memory (MiB) if the system reports none: practically no limit."""
 
 
 def providers_fault(providers: Sequence[str]) -> str:
@@ -40,8 +40,10 @@ def providers_fault(providers: Sequence[str]) -> str:
 
 
 def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
-    """A session on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
-    for a missing file, a file that is no ONNX model, or if the machine has no such provider.
+    """A session on the first of `providers` that this machine has and that starts.
+
+    Raises ReconFailure (bad-geometry-model) for a missing file, a file that is no ONNX model, or if the
+    machine has no such provider.
     """
     require_onnx(model)
     options = onnxruntime.SessionOptions()
@@ -57,16 +59,20 @@ def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSessio
             f"one of {', '.join(known)} in providers",
         )
     most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES
-    try:
-        with limited_memory(most):
-            # the fallback would print, and load the same file again
-            return onnxruntime.InferenceSession(str(model), options, providers=usable, enable_fallback=0)
-    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
-        raise bad_model(
-            model,
-            f"is damaged, of a kind that onnxruntime cannot load, or takes more than {most / 1e6:.0f} MB",
-            "an ONNX model",
-        ) from error
+    for first in range(len(usable)):
+        try:
+            with limited_memory(most):
+                # onnxruntime's own fallback prints, and tries a file again that no provider can load
+                return onnxruntime.InferenceSession(
+                    str(model), options, providers=usable[first:], enable_fallback=0
+                )
+        except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+            cause = error
+    raise bad_model(
+        model,
+        f"is damaged, of a kind that onnxruntime cannot load, or takes more than {most / 1e6:.0f} MB",
+        "an ONNX model",
+    ) from cause
 
 
 def ran(

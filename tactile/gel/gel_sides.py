@@ -5,8 +5,8 @@ thickness err near a load, but equally in both, so the error cancels. The differ
 more from the sides. It is added to the infinite slab's exact response (tactile.gel.slab).
 
 The block's face is z = -x^2 / (2 R_x) - y^2 / (2 R_y) about its middle, its back z = -h. Isoparametric bricks
-follow the face. The solver takes the block's four classes of even and odd motion one by one. It takes one
-column of the slab's bricks, one wave vector at a time (Bloch), on a periodic lattice.
+follow the face. Symmetry splits the block into four independent problems, even or odd in x and y. The slab
+needs one column of bricks for each wave vector (Bloch), on a lattice that repeats CLEAR_CELLS beyond the gel.
 """
 
 from collections.abc import Sequence

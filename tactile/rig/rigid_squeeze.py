@@ -76,8 +76,8 @@ def rigid_squeezes(
     """Every squeeze in a recording: contact, loading to a peak, and unloading if it was recorded.
 
     `travel_mm` grows as the jaws close. Raises TactileFailure (unreadable-frames) for too little force or too
-    few readings. It also raises if the force falls as the travel grows or is lost at constant travel, and if
-    the travel does not return or grows faster at higher force.
+    few readings. It also raises if the force falls as the travel grows, or at constant travel. So it does if
+    the travel does not return, or grows faster at higher force.
     """
     noise = noise_sd(force_N)
     pushed = force_N - float(np.median(force_N[:UNLOADED_FRAMES]))

@@ -18,7 +18,7 @@ from fem.mismatch.model import finite_change as module
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.finite_change import finite_change, in_proportion
 from fem.mismatch.model.reduced_law import Operator
-from fem.mismatch.model.stress_history import HARDLY_ANY, stiffening_path
+from fem.mismatch.model.stress_history import HARDLY_ANY, path_state, stiffening_path
 from fem.solid.initial_stress import AddedStress
 from fem.solid.membrane import membrane_forces
 
@@ -127,6 +127,24 @@ def test_the_change_is_that_of_flesh_solved_with_a_little_of_the_effect(
     (changed,) = finite_change(model, effect.spec.name, lambda: (finite, linear), amount=effect.sd)
     expected = large - small
     assert np.linalg.norm(changed - expected) < 0.02 * np.linalg.norm(expected)
+
+
+@pytest.mark.slow
+def test_half_of_the_frames_give_nearly_the_same_change(monkeypatch):
+    model = replace(model_of(), compliance=8.0)
+    operators = lambda: (skin.EFFECT.finite(model), skin.EFFECT.derivative(model))  # noqa: E731
+    (expected,) = finite_change(model, "all", operators, amount=skin.EFFECT.sd)
+    monkeypatch.setattr(module, "FRAMES", 4)
+    (changed,) = finite_change(model, "half", operators, amount=skin.EFFECT.sd)
+    assert 0 < np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(expected)
+
+
+def test_fewer_frames_are_found_among_more_and_missing_ones_are_refused():
+    model = model_of()
+    few, more = (path_state(model, frames=count, remembers=False) for count in (4, 7))
+    np.testing.assert_array_equal(more.linear[few.among(more)], few.linear)
+    with pytest.raises(ValueError, match="lacks frames"):
+        more.among(few)
 
 
 @pytest.mark.parametrize("amount", [-0.3, 0.3])

@@ -35,7 +35,7 @@ def forward_with(error_mm: float, seed: int) -> CaseModel:
         rng = np.random.default_rng(seed)
         case = replace(case, mesh=with_surface_error(case.mesh, pads, sd_mm=error_mm, rng=rng))
     case = replace(case, budget=replace(case.budget, surface_sd_mm=ERROR_MM))
-    return replace(case_model(case)[0], beyond_small_strain=False)
+    return case_model(case)[0]
 
 
 def equations_of(model: CaseModel) -> list[GraspEquations]:

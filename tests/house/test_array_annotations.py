@@ -1,4 +1,4 @@
-"""Array shapes and dtypes that functions declare are checked while tests run (tests/conftest.py)."""
+"""Array shapes and dtypes that functions declare are checked in tests (tests/conftest.py)."""
 
 from collections.abc import Callable
 from typing import Any

@@ -47,6 +47,7 @@ def test_without_pycolmap_photos_that_the_ground_does_not_join_name_it_and_what_
 
 
 def test_photos_with_common_features_but_one_viewpoint_are_refused_for_their_camera_poses():
+    pytest.importorskip("pycolmap")
     rng = np.random.default_rng(0)
     cloth = cv2.GaussianBlur(rng.uniform(0, 255, (480, 640, 3)), (0, 0), 3)
     cloth = cv2.normalize(cloth, None, 0, 255, cv2.NORM_MINMAX)

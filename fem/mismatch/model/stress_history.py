@@ -160,13 +160,15 @@ class PathState:
         return [0, *np.cumsum([len(chosen_frames.chosen) for chosen_frames in self.frames]).tolist()]
 
     def among(self, other: "PathState") -> Int[np.ndarray, " f"]:
-        """Indices of these frames in a state of more frames of the same law, which holds all of them."""
-        return np.concatenate(
-            [
-                first + np.searchsorted(more.chosen, few.chosen)
-                for first, few, more in zip(other.first, self.frames, other.frames, strict=False)
-            ]
-        )
+        """Indices of these frames in a state of more frames of the same recordings. Raises ValueError if it
+        lacks one of them.
+        """
+        places = []
+        for first, few, more in zip(other.first[:-1], self.frames, other.frames, strict=True):
+            if not np.isin(few.chosen, more.chosen).all():
+                raise ValueError("the other state lacks frames of this one")
+            places.append(first + np.searchsorted(more.chosen, few.chosen))
+        return np.concatenate(places)
 
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 times nodal forces, each recording with its own support."""
