@@ -16,7 +16,7 @@ from jaxtyping import AbstractArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 CALLS: Counter[Any] = Counter()
-"""Calls of each function in the present test, by the identity of its code: equal code is shared by classes."""
+"""Calls of each function in the present test, by the identity of its code: classes may have equal code."""
 CHECKED = 5
 """Calls of each function that are checked in a test."""
 

@@ -203,7 +203,7 @@ class FruitResults:
         claim(self.root)
 
     def forget(self) -> None:
-        """Removes an earlier run's files except mismatch.json. The record goes first, so that no record stands
+        """Removes an earlier run's files except mismatch.json. The record goes first, so that none stands
         beside files of another run.
         """
         for path in self.files:

@@ -59,20 +59,18 @@ def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSessio
             f"one of {', '.join(known)} in providers",
         )
     most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES
-    for first in range(len(usable)):
-        try:
-            with limited_memory(most):
-                # onnxruntime's own fallback prints, and tries a file again that no provider can load
-                return onnxruntime.InferenceSession(
-                    str(model), options, providers=usable[first:], enable_fallback=0
-                )
-        except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
-            cause = error
-    raise bad_model(
-        model,
-        f"is damaged, of a kind that onnxruntime cannot load, or takes more than {most / 1e6:.0f} MB",
-        "an ONNX model",
-    ) from cause
+    try:
+        with limited_memory(most):
+            # onnxruntime's own fallback prints
+            return onnxruntime.InferenceSession(str(model), options, providers=usable, enable_fallback=0)
+    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+        if len(usable) > 1:  # a graphics processor that does not start, for example
+            return opened(model, usable[1:])
+        raise bad_model(
+            model,
+            f"is damaged, of a kind that onnxruntime cannot load, or takes more than {most / 1e6:.0f} MB",
+            "an ONNX model",
+        ) from error
 
 
 def ran(

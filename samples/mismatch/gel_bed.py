@@ -91,7 +91,7 @@ POINTS = 4
 """Gel points along each side of a skin cell. With 3 or 6, markers change by less than 0.1 um and a pad's
 force by less than 0.02 %."""
 CLOSE_MM, SPACE_MM = 0.1, 1.0
-"""Searched gel points lie within a radius: that of the farthest skin node with z < CLOSE_MM, plus SPACE_MM."""
+"""Searched gel points lie within a radius: that of the farthest node with z < CLOSE_MM, plus SPACE_MM."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,6 +92,24 @@ def test_a_bare_ground_shows_no_fruit(tmp_path):
         reconstruct_with_model(photos(), path, mat=standard_mat(), height_mm=None)
 
 
+def test_a_provider_that_does_not_start_leaves_the_model_to_the_next_one(tmp_path, monkeypatch):
+    path, tried = tmp_path / "model.onnx", []
+    write_large_model(path, 10)
+    module = "recon.learned.onnx_session.onnxruntime"
+
+    def session(*_, providers, **__):
+        tried.append(providers)
+        if providers[0] == "CUDAExecutionProvider":
+            raise RuntimeError("no graphics processor")
+        return "started"
+
+    both = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    monkeypatch.setattr(f"{module}.get_available_providers", lambda: both)
+    monkeypatch.setattr(f"{module}.InferenceSession", session)
+    assert opened(path, both) == "started"
+    assert tried == [both, both[1:]]
+
+
 def test_a_run_is_limited_to_a_share_of_the_free_memory(tmp_path, monkeypatch):
     """A control group (a container, a job) has less free memory than its machine."""
     path, images = tmp_path / "model.onnx", np.zeros((1, 3, 192, 192), np.float32)
