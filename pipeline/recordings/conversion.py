@@ -122,7 +122,7 @@ def convert_runs(
             converted = _read(source, replace(wanted, trace=replace(wanted.trace, run=run)), report)
             done.append((path, _written(converted, source, path, report)))
         except TactileFailure as failure:
-            done.append((path, failure))
+            done.append((path, _with_earlier_file(failure) if path.exists() else failure))
     return done
 
 
@@ -135,6 +135,12 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     """
     _require_writable(source, out, wanted)
     return _written(_read(source, wanted, report), source, out, report)
+
+
+def _with_earlier_file(failure: TactileFailure) -> TactileFailure:
+    """The failure of a run in whose place an earlier conversion left a file, which grading would use."""
+    what = failure.detail.removesuffix(".")
+    return TactileFailure(failure.problem, f"{what}. The file there is of an earlier conversion; remove it.")
 
 
 def _written(converted: Converted, source: Path, out: Path, report: Callable[[str], None]) -> Conversion:
