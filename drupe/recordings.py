@@ -18,7 +18,7 @@ from tactile.readers.recording import write_recording as write_h5
 PADS = {1: ("tip",), 2: ("left", "right")}
 """Names of the pads by their number: a press has 1, a grasp 2."""
 WRITTEN = (".h5", ".hdf5")
-"""Suffixes of written recordings. MATLAB's `load` reads no plain HDF5 from a .mat file."""
+"""Suffixes of written recordings. MATLAB's `load` cannot open HDF5 in a .mat file without MATLAB's header."""
 
 
 def jaw_poses(

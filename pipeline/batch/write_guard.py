@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.results_lock import LOCK
-from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, stranger, was_ours
+from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, not_ours_sentence, was_ours
 from pipeline.files.plain_file import not_plain
 from pipeline.files.whole_file import MARK
 from pipeline.problem import BatchRefused, Problem, listed, refused
@@ -97,7 +97,7 @@ def _in_the_way(path: Path, option: str) -> Problem:
             f"again: it writes a new {path.name}. Or {_elsewhere(option)}."
         )
     else:
-        sentence = stranger(_elsewhere(option))
+        sentence = not_ours_sentence(_elsewhere(option))
     return Problem(str(path), sentence)
 
 

@@ -82,8 +82,8 @@ def convert(
         str | None,
         Option(
             metavar="N|all",
-            help='Number of the run to read from a table with several runs, from 1. "all" writes '
-            "OUT-1.h5, OUT-2.h5 and so on.",
+            help="Number of the run to read from a table with several runs, from 1. 'all' writes each usable "
+            "run to OUT-1.h5, OUT-2.h5, …; exit status 3 if a run is unusable.",
         ),
     ] = None,
     rig: Annotated[
@@ -131,8 +131,8 @@ def convert(
     Notes report lost frames, torn markers, clock offsets and similar faults. drupe also runs the checks of
     `drupe check` that need no fruit. OUT.h5 appears only when it is complete.
 
-    Exit status: 0 written; 1 internal error; 2 usage; 3 unusable SOURCE or refused OUT.h5; 4 written but E
-    will be in doubt; 130 interrupted. `drupe grade` does not accept a refused OUT.h5.
+    Exit status: 0 written; 1 internal error; 2 usage; 3 unusable SOURCE, or any run of it, or refused OUT.h5;
+    4 written but E will be in doubt; 130 interrupted. `drupe grade` does not accept a refused OUT.h5.
 
     Example: drupe convert press.csv fruit7.h5 --indenter ball --radius-mm 4
     """
@@ -178,7 +178,7 @@ def convert(
         if jaws_centre_mm is None
         else Jaws(centre_mm=jaws_centre_mm, closing=closing or (1.0, 0.0, 0.0), up=up or (0.0, 0.0, 1.0)),
     )
-    kept = "; drupe kept the files of finished runs" if wanted.all_runs else "; drupe wrote no file"
+    kept = "; files of finished runs, if any, are complete" if wanted.all_runs else "; drupe wrote no file"
     with exit_when_interrupted(kept), exit_when_refused(source, TactileFailure):
         runs = convert_runs(source, out, wanted, report=StageLines().stage)
     unusable = doubted = False

@@ -18,9 +18,9 @@ def _of_machine(meminfo: Path) -> Iterator[float]:
         lines = meminfo.read_text().splitlines()
     except OSError:
         return
-    said = {line.split(":")[0]: line.split()[1] for line in lines if len(line.split()) > 1}
-    if "MemAvailable" in said:
-        yield float(said["MemAvailable"]) * 2**10
+    fields = {line.split(":")[0]: line.split()[1] for line in lines if len(line.split()) > 1}
+    if "MemAvailable" in fields:
+        yield float(fields["MemAvailable"]) * 2**10
 
 
 def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:

@@ -31,12 +31,12 @@ def limited_memory(most_bytes: int) -> Iterator[None]:
         yield
         return
     block, most = object(), _addresses_in_use() + most_bytes
-    with _changing:
-        if len(_limits) <= 1:
-            _limits[_USER] = resource.getrlimit(resource.RLIMIT_AS)[0]
-        _limits[block] = most
-        _set_tightest()
     try:
+        with _changing:
+            if len(_limits) <= 1:
+                _limits[_USER] = resource.getrlimit(resource.RLIMIT_AS)[0]
+            _limits[block] = most
+            _set_tightest()
         yield
     finally:
         with _changing:
@@ -52,12 +52,14 @@ def _set_tightest() -> None:
 
 def _forget_blocks() -> None:
     """In a forked process: its parent's threads, which would end the blocks, do not exist here."""
-    if len(_limits) > 1:
-        user = _limits[_USER]
-        _limits.clear()
-        _limits[_USER] = user
-        _set_tightest()
-    _changing.release()
+    try:
+        if len(_limits) > 1:
+            user = _limits[_USER]
+            _limits.clear()
+            _limits[_USER] = user
+            _set_tightest()
+    finally:
+        _changing.release()
 
 
 if sys.platform != "win32":

@@ -31,13 +31,14 @@ class NotOurs(NotWritten):
     """Raised if drupe did not write the file at the target, or if somebody has changed it since."""
 
     def __str__(self) -> str:
-        return f"{self._path}: {stranger('choose another place for the results')}"
+        return f"{self._path}: {not_ours_sentence('choose another place for the results')}"
 
 
-def stranger(other: str) -> str:
-    """The sentence on a file that drupe must not replace. `other`: what to do if the file stays there."""
+def not_ours_sentence(advice: str) -> str:
+    """The sentence on a file that drupe must not replace. `advice`: what to do if the file stays there."""
     return (
-        f"was not written by drupe, or was changed since, so it is not overwritten; move it away, or {other}."
+        "was not written by drupe, or was changed since, so it is not overwritten; "
+        f"move it away, or {advice}."
     )
 
 

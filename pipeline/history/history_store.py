@@ -198,7 +198,8 @@ def is_same_batch(first: StoredBatch, second: StoredBatch) -> bool:
 
     - A fruit of the same id has a recording in both (added fruit, another lot name or results folder).
     - All recordings of a fruit belong to a fruit with another id in the other batch (renamed fruit).
-    - Folder, days, category, cultivar, lot and a fruit id are the same (recordings with a new calibration).
+    - Folder, day, category, cultivar, lot, harvest and a fruit id are the same (recordings with a new
+      calibration).
 
     Recordings of reference bodies do not count, because many batches contain them.
     """

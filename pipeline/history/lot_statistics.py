@@ -64,13 +64,15 @@ def class_ranges(
 ) -> list[tuple[str, float, float | None]]:
     """Each class with its lower and upper modulus, MPa, softest first.
 
-    Raises ValueError if a class before the last has no limit, which the settings refuse.
+    Raises ValueError if a class before the last has no upper limit, which the settings refuse.
 
     >>> class_ranges([("ready", 0.5), ("firm", None)])
     [('ready', 0.0, 0.5), ('firm', 0.5, None)]
     """
-    lower = [0.0, *(limit for _, limit in limits[:-1] if limit is not None)][: len(limits)]
-    return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=True)]
+    if any(limit is None for _, limit in limits[:-1]):
+        raise ValueError("a class before the last has no upper limit")
+    lower = [0.0, *(limit for _, limit in limits if limit is not None)]
+    return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=False)]
 
 
 def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[DifferenceEntry]:

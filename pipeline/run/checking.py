@@ -82,7 +82,7 @@ def check(
         yield from unused_of_batch(folder, named_files(folder, batch.settings))
         for name in batch.row_of:
             yield from unused_of_fruit(folder.fruit(name))
-    yield from _of_model(batch)
+    yield from _model_problems(batch, report)
     for number, row in enumerate(batch.rows, 1):
         report(f"{row.fruit_id} ({number} of {len(batch.rows)})")
         yield from _CheckedFruit(batch=batch, row=row, read=read).problems(quick=quick)
@@ -291,11 +291,18 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
     return (held[0] if held else None), problems
 
 
-def _of_model(batch: Batch) -> Iterator[Problem]:
-    """The fault of the batch's own ONNX model that opening it shows; `survey` reports the others."""
+def _model_problems(batch: Batch, report: Callable[[str], None]) -> Iterator[Problem]:
+    """The fault of the batch's own ONNX model that opening it shows; `survey` reports the others.
+
+    Without photos that give a fruit its shape, grading does not open the model, nor does this function.
+    """
     folder, settings, recon = batch.folder, batch.settings, batch.settings.recon
     if recon.geometry_model is None or [*model_faults(folder, settings), *provider_faults(settings)]:
         return
+    fruit = ((row, folder.fruit(row.fruit_id)) for row in batch.rows)
+    if not any(shape_from_photos(files, row) and files.photo_files() for row, files in fruit):
+        return
+    report("geometry model")
     with elsewhere():
         from recon.learned.usable_model import require_usable
     try:

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from onnxruntime import InferenceSession
 
 from recon.learned.onnx_file import bad_model
 from recon.learned.onnx_session import INPUT, opened, ran
@@ -66,7 +67,11 @@ class FruitModel:
 
 def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> FruitModel:
     """Open a fruit model. Raises ReconFailure (bad-geometry-model) that names the file and its fault."""
-    session = opened(path, providers)
+    return fruit_model_of(path, opened(path, providers))
+
+
+def fruit_model_of(path: Path, session: InferenceSession) -> FruitModel:
+    """The fruit model of an open session. Raises ReconFailure (bad-geometry-model) for other inputs."""
     inputs = {i.name: i.shape for i in session.get_inputs()}
     wanted = [3, SIDE_PX, SIDE_PX]
     if list(inputs) != [INPUT] or list(inputs[INPUT][1:]) != wanted:
@@ -76,7 +81,12 @@ def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> Frui
 
 def is_fruit_model(path: Path, *, providers: Sequence[str] = CPU) -> bool:
     """Whether an ONNX file has the output of a fruit model. Raises ReconFailure if it cannot be opened."""
-    return OUTPUT in {o.name for o in opened(path, providers).get_outputs()}
+    return has_fruit_output(opened(path, providers))
+
+
+def has_fruit_output(session: InferenceSession) -> bool:
+    """Whether an open model has the output of a fruit model."""
+    return OUTPUT in {o.name for o in session.get_outputs()}
 
 
 def _extent(window: Window) -> tuple[Int[np.ndarray, "2"], int]:

@@ -74,7 +74,8 @@ def point_maps(
     the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model) that names the
     file and the missing or misshapen input, output or provider.
     """
-    session = geometry_session(model, providers)
+    session = opened(model, providers)
+    require_geometry_model(model, session)
     offered = [o.name for o in session.get_outputs()]
     (given,) = session.get_inputs()
     kind = "float16" if "float16" in given.type else "float32"
@@ -100,9 +101,8 @@ def point_maps(
     return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), trust
 
 
-def geometry_session(model: Path, providers: Sequence[str]) -> InferenceSession:
-    """An open geometry model. Raises ReconFailure (bad-geometry-model) that names the file and its fault."""
-    session = opened(model, providers)
+def require_geometry_model(model: Path, session: InferenceSession) -> None:
+    """Raises ReconFailure (bad-geometry-model) if an open model has other inputs or lacks the points."""
     inputs = {i.name: i.shape for i in session.get_inputs()}
     if list(inputs) != [INPUT] or len(inputs[INPUT]) != 5:
         raise bad_model(model, f"takes the inputs {inputs}", f'one input "{INPUT}" of shape {SIGNATURE}')
@@ -110,7 +110,6 @@ def geometry_session(model: Path, providers: Sequence[str]) -> InferenceSession:
     if POINTS not in offered:
         others = ", ".join(sorted(offered)) or "none"
         raise bad_model(model, f'has no output "{POINTS}" (its outputs are {others})', f'"{POINTS}"')
-    return session
 
 
 def _world_from_tags(

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from recon.learned.fruit_model import fruit_model, is_fruit_model
-from recon.learned.geometry_model import geometry_session
+from recon.learned.fruit_model import fruit_model_of, has_fruit_output
+from recon.learned.geometry_model import require_geometry_model
+from recon.learned.onnx_session import opened
 
 
 def require_usable(model: Path, *, providers: Sequence[str]) -> None:
@@ -12,7 +13,8 @@ def require_usable(model: Path, *, providers: Sequence[str]) -> None:
 
     Raises ReconFailure (bad-geometry-model) that names the file and its fault.
     """
-    if is_fruit_model(model, providers=providers):
-        fruit_model(model, providers=providers)
+    session = opened(model, providers)
+    if has_fruit_output(session):
+        fruit_model_of(model, session)
     else:
-        geometry_session(model, providers)
+        require_geometry_model(model, session)

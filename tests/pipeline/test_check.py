@@ -1,6 +1,7 @@
 """`drupe check` says of every file what stands in its way, and what grading will put in doubt."""
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -12,7 +13,9 @@ from small_batches import DATA, batch_of_nectarines, run, times_force
 from pipeline.batch.opening import open_batch
 from pipeline.run import checking as checking
 from pipeline.run.checking import check, implausible
+from recon.learned import usable_model
 from recon.learned.fruit_model import SIDE_PX
+from recon.learned.onnx_session import opened
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
@@ -63,42 +66,73 @@ def test_a_fault_of_drupe_itself_is_one_line_of_the_file_and_hides_no_other(batc
 
 
 def with_model(batch, **shapes):
-    """The batch with a constant model of its own, by default one that `drupe` can use."""
+    """A constant model of the batch, by default one that `drupe` can use, and a photo instead of A's mesh."""
     side = shapes.get("side", SIDE_PX)
     name = shapes.get("output", "fruit_log_odds")
     outputs = {name: np.zeros((1, 1, 2, 2))}
     write_constant_model(batch / "model.onnx", outputs, input_shape=("n", 3, side, side))
     with (batch / "batch.toml").open("a") as file:
         file.write('\n[recon]\ngeometry_model = "model.onnx"\n')
+    (batch / "fruits" / "A" / "fruit.ply").unlink()
+    (batch / "fruits" / "A" / "photos").mkdir()
+    (batch / "fruits" / "A" / "photos" / "1.jpg").write_bytes(b"no picture")
     return batch / "model.onnx"
+
+
+def said_of_model(batch):
+    return [line for line in said(batch) if "recon.geometry_model" in line]
 
 
 @pytest.mark.parametrize("damage", [lambda whole: whole[:-40], lambda whole: b"nonsense" * 99])
 def test_a_damaged_model_is_named_before_the_first_fruit(batch, damage):
     model = with_model(batch)
-    assert said(batch) == []
+    assert said_of_model(batch) == []
     model.write_bytes(damage(model.read_bytes()))
-    (line,) = said(batch)
+    (line,) = said_of_model(batch)
     assert line.startswith('batch.toml: "recon.geometry_model": The geometry model model.onnx is damaged')
 
 
 @pytest.mark.parametrize(
     ("shapes", "words"),
     [
-        ({"side": 64}, "takes the inputs {'images': ['n', 3, 64, 64]}; expected one input"),
-        ({"output": "depth"}, "takes the inputs {'images': ['n', 3, 192, 192]}; expected one input"),
+        (
+            {"side": 64},
+            "takes the inputs {'images': ['n', 3, 64, 64]}; "
+            'expected one input "images" of shape (n, 3, 192, 192)',
+        ),
+        (
+            {"output": "depth"},
+            "takes the inputs {'images': ['n', 3, 192, 192]}; "
+            'expected one input "images" of shape (1, S, 3, H, W)',
+        ),
     ],
 )
 def test_a_model_with_other_inputs_is_named_before_the_first_fruit(batch, shapes, words):
     with_model(batch, **shapes)
-    (line,) = said(batch)
+    (line,) = said_of_model(batch)
     assert words in line
 
 
 def test_a_missing_model_is_one_problem(batch):
     with_model(batch).unlink()
-    (line,) = said(batch)
+    (line,) = said_of_model(batch)
     assert "is not a file" in line
+
+
+def test_the_model_is_opened_once_and_only_for_photos(batch, monkeypatch):
+    names, stages = [], []
+
+    def counted(model, providers):
+        names.append(model.name)
+        return opened(model, providers)
+
+    monkeypatch.setattr(usable_model, "opened", counted)
+    with_model(batch)
+    list(check(batch, report=stages.append))
+    assert (names, stages[0]) == (["model.onnx"], "geometry model")
+    shutil.copyfile(DATA / "fruit.ply", batch / "fruits" / "A" / "fruit.ply")
+    list(check(batch, report=stages.append))
+    assert (names, stages.count("geometry model")) == (["model.onnx"], 1)
 
 
 def test_each_mesh_is_read_once(batch, monkeypatch):

@@ -318,10 +318,30 @@ def test_a_bad_run_is_named_and_costs_no_other_run(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_back(tmp_path / "all-3.h5")[2], 1.2 * PRESSED, atol=1e-6)
 
 
-def test_a_table_without_a_usable_run_is_refused(tmp_path: Path) -> None:
+def test_a_file_of_an_earlier_conversion_is_named_if_its_run_fails_now(tmp_path: Path) -> None:
     lacking = np.where(np.arange(30) == 9, np.nan, PRESSED)
-    (tmp_path / "t.csv").write_text(f"{HEADER}\n{2 * table('', TIMES, GONE, lacking).lstrip()}")
-    assert "found 1 of 30 rows" in refused(tmp_path, tmp_path / "t.csv", "--run", "all")
+    for second in (PRESSED, lacking):
+        body = [table("", TIMES, GONE, force).lstrip() for force in (PRESSED, second, lacking)]
+        (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
+        code, said = run(tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
+        assert code == 3
+    first, last = [line for line in said.splitlines() if line.startswith("drupe: did not write")]
+    earlier = ". The file there is of an earlier conversion; remove it."
+    assert first.startswith(f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 1 of 30 rows")
+    assert (first.endswith(earlier), last.endswith(earlier)) == (True, False)
+    assert ".." not in first
+    assert sorted(path.name for path in tmp_path.glob("*.h5")) == ["all-1.h5", "all-2.h5"]
+
+
+def test_every_fault_of_a_table_without_a_usable_run_is_named(tmp_path: Path) -> None:
+    runs = [np.where(np.arange(30) < 9 + lacking, PRESSED, np.nan) for lacking in (20, 18)]
+    body = [table("", TIMES, GONE, force).lstrip() for force in runs]
+    (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
+    code, said = run(tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
+    assert code == 3
+    assert f"drupe: did not write {tmp_path / 'all-1.h5'}: t.csv: found 1 of 30 rows" in said
+    assert f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 3 of 30 rows" in said
+    assert not list(tmp_path.glob("*.h5"))
 
 
 @pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])

@@ -47,7 +47,7 @@ def test_an_interaction_that_is_simulated_is_its_own_component():
 
 
 def test_no_class_is_dropped_where_one_before_the_last_has_no_limit():
-    with pytest.raises(ValueError, match="shorter"):
+    with pytest.raises(ValueError, match="a class before the last has no upper limit"):
         class_ranges([("ready", None), ("firm", 0.5), ("hard", None)])
     assert class_ranges([]) == []
 

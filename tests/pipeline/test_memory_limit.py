@@ -6,6 +6,7 @@ import threading
 
 import pytest
 
+from pipeline.files import limited_memory as module
 from pipeline.files.limited_memory import _addresses_in_use, limited_memory
 from tactile.readers.limited_process import tried
 
@@ -84,6 +85,21 @@ def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own():
         with pytest.raises(MemoryError), limited_memory(100 * MIB):
             bytearray(GIB)
         assert limit() == before
+
+
+def test_an_interrupt_while_the_limit_is_set_lifts_it(monkeypatch):
+    before, set_tightest = limit(), module._set_tightest
+
+    def interrupted():
+        monkeypatch.undo()
+        set_tightest()
+        assert limit() != before
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "_set_tightest", interrupted)
+    with pytest.raises(KeyboardInterrupt), limited_memory(GIB):
+        pass
+    assert limit() == before
 
 
 def test_a_limit_of_the_user_is_not_widened():

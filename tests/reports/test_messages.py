@@ -14,6 +14,7 @@ from fem.estimation.modulus_warnings import warnings_of
 from fem.grasp_history import GraspHistory
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.write_guard import require_file_apart, require_free, require_made_by_drupe
+from pipeline.files.manifest import NotOurs, claim, enter
 from pipeline.problem import BatchRefused
 from pipeline.terminal_language import in_language_of_locale
 from reports.entries import ReferenceEntry, ScreenEntry, Suspect
@@ -77,24 +78,43 @@ def test_a_sentence_in_a_sentence_is_translated_and_figures_have_the_language_s_
         assert message(sentence).startswith("E sería 14,25 MPa (se esperaba de 0,005 a 12 MPa), fuera del ")
 
 
+NOT_OURS = {
+    "de": "stammt nicht von drupe oder wurde seither geändert und wird daher nicht überschrieben; "
+    "verschieben, oder einen anderen Ort für die Ergebnisse wählen.",
+    "es": "no lo escribió drupe, o se cambió después, así que no se sobrescribe; muévalo, o elija otro lugar "
+    "para los resultados.",
+}
+
+
 @pytest.mark.parametrize("language", OTHERS)
 def test_a_file_in_the_way_is_named_in_one_language(language, tmp_path):
     (tmp_path / "mine").write_text("my notes")
+    results = tmp_path / "results"
+    claim(results)
+    enter(results / "table.csv", b"as drupe wrote it")
+    (results / "table.csv").write_text("as somebody changed it")
+    with pytest.raises(NotOurs) as not_ours:
+        enter(results / "table.csv", b"new")
     (tmp_path / "link").symlink_to(tmp_path / "mine")
     (tmp_path / "folder" / "inner").mkdir(parents=True)
     checks = [
         partial(require_free, [tmp_path / "mine"], "--out"),
         partial(require_free, [tmp_path / "link"], "--out"),
+        partial(require_free, [results / "table.csv"], "--out"),
         partial(require_made_by_drupe, tmp_path, "--out"),
         partial(require_made_by_drupe, tmp_path / "mine", "--out"),
         partial(require_made_by_drupe, tmp_path / "new", "--out", outside=[tmp_path]),
         partial(require_file_apart, tmp_path / "new", inputs=[], folders=[tmp_path]),
     ]
+    sentences = [str(not_ours.value)]
     for check in checks:
         with pytest.raises(BatchRefused) as refused:
             check()
-        english = str(refused.value.problems[0])
-        with spoken(language):
+        sentences.append(str(refused.value.problems[0]))
+    assert sum("was changed since drupe wrote it" in english for english in sentences) == 1
+    with spoken(language):
+        assert message(sentences[0]) == f"{results / 'table.csv'}: {NOT_OURS[language]}"
+        for english in sentences:
             assert re.search(r"another|choose|give", english)
             assert not re.search(r"another|choose|give", message(english)), message(english)
 
