@@ -18,7 +18,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 CALLS: Counter[Any] = Counter()
 """Calls of each function in the present test, by the identity of its code: classes may have equal code."""
 CHECKED = 5
-"""Calls of each function that are checked in a test."""
+"""Calls of each function that are checked in a test. Set by hand: with 5, three files of tests take 85 s,
+without checks 88 s, and 118 s with a check at every call."""
 
 
 def check(function: F) -> F:

@@ -106,7 +106,7 @@ def batch_entry(
         exit_status=exit_status,
         unfinished=unfinished,
         ships=None if settings.grading.shipped is None else _ships(settings.grading),
-        ships_by_default=_ships(settings.grading, unsaid=True),
+        ships_by_default=_ships(settings.grading, by_default=True),
         certainty=settings.grading.certainty,
         mean_E_MPa=float(np.mean(E)) if len(E) else None,
         between_sd_MPa=float(np.std(E, ddof=1)) if len(E) > 1 else None,
@@ -144,10 +144,10 @@ def verdict_entry(verdict: Verdict, key: str) -> VerdictEntry:
     return VerdictEntry(**verdict.model_dump(include=shown), earlier=verdict.key != key)
 
 
-def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
-    """Names of the shipped classes; `unsaid`: only the classes that are shipped by default."""
+def _ships(grading: Grading, *, by_default: bool = False) -> tuple[str, ...]:
+    """Names of the shipped classes; `by_default`: only the classes that are shipped by default."""
     both = zip(grading.classes, grading.shipped or (), strict=False)
-    return tuple(c.name for c, goes in both if goes and (c.ship is None or not unsaid))
+    return tuple(c.name for c, goes in both if goes and (c.ship is None or not by_default))
 
 
 def _fruit_entry(
