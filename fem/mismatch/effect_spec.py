@@ -20,8 +20,8 @@ LAW_ERROR = 0.15
 effect must exceed it. In twelve labelled cases the signals that remain for other effects are 0.10 of the true
 effect's (root mean square), and 0.5 at most."""
 LAW_ERROR_OF_READINGS = 0.02
-"""The same in error bars for a law of a sensor's readings, without mechanics: a share of the signal. Set by
-hand, with the labelled cases in view on which error bars are scored (`benchmarks/mismatch.py score`)."""
+"""The same for a law of a sensor's readings, without mechanics. Set by hand, with the labelled cases in
+view on which error bars are scored (`benchmarks/mismatch.py score`)."""
 
 
 class Scope(StrEnum):
@@ -199,10 +199,12 @@ class EffectSpec:
             for spec, value in zip(self.searched, values, strict=True)
         }
 
-    @property
-    def law_error(self) -> float:
-        """Error of its law as a share of its signal."""
-        return LAW_ERROR_OF_READINGS if self.of_readings else LAW_ERROR
+    def law_variance(self, signal: float) -> float:
+        """Variance of its law's error in any direction of the data, relative to the noise's. `signal`: the
+        chi-square that the law explains.
+        """
+        error = LAW_ERROR_OF_READINGS if self.of_readings else LAW_ERROR
+        return error**2 * max(signal, 0.0)
 
     @property
     def enters(self) -> Entry:

@@ -9,11 +9,10 @@ from scipy.stats import multivariate_normal
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Signature
-from fem.mismatch.effect_spec import LAW_ERROR
+from fem.mismatch.effect_spec import LAW_ERROR, EffectSpec
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.selection import grasp_explanations
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
@@ -61,18 +60,19 @@ def test_a_second_signature_adds_what_dense_evidence_says():
         assert added(remaining, (second,)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
+def test_the_error_of_a_law_counts_as_noise():
     """Orthogonal columns: the second is then measured alone, in noise that is stronger."""
     rng = np.random.default_rng(2)
     columns = fields(rng)
     columns[2] -= columns[0] * (columns[0] @ columns[2]) / (columns[0] @ columns[0])
     data = 2.0 * columns[0] + 0.5 * columns[2] + rng.normal(size=NUMBERS)
     signal = (columns[0] @ data) ** 2 / (columns[0] @ columns[0] + SD**-2)
-    noise = 1 + 0.2**2 * signal
+    variance = BY_NAME["anisotropy"].spec.law_variance(signal)
+    noise = 1 + variance
     expected = dense_evidence(data, columns[2], noise=noise) - dense_evidence(data, noise=noise)
     remaining, explained = equations(columns, data).given((0,))
     assert explained == pytest.approx(signal)
-    remaining = remaining.with_law_error(signal, 0.2)
+    remaining = remaining.with_law_error(variance)
     assert added(remaining, (2,)) == pytest.approx(expected, rel=1e-6)
 
 
@@ -122,7 +122,7 @@ def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monke
     assert pair.gain > max(equal[name].gain for name in NAMES) + 3
     weak = round_of((1.0, 0.8 * LAW_ERROR, 0.0))
     assert "anisotropy+skin" not in by_name(weak)
-    monkeypatch.setattr(grasp_explanations, "LAW_ERROR", 0.0)
+    monkeypatch.setattr(EffectSpec, "law_variance", lambda spec, signal: 0.0)
     assert "anisotropy+skin" in by_name(weak)
 
 
@@ -158,7 +158,7 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
     in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
     pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
     if left:
-        expected = added(others.with_law_error(signal, LAW_ERROR), (0,))
+        expected = added(others.with_law_error(BY_NAME["anisotropy"].spec.law_variance(signal)), (0,))
         assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
         drop = others.right[0] ** 2 / (others.normal[0, 0] + others.sd[0] ** -2.0)
         assert pair.misfit == pytest.approx(first.misfit - drop / linear.numbers)

@@ -2,8 +2,8 @@
 
 An effect's evidence is the mean over its signatures, or that of its full model after a refit. A pair is the
 effect of the greater evidence and a second one. The second counts by the evidence that its signature adds to
-the first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
-that adds nothing makes no pair.
+the first, above the error of the first one's law (`law_variance` of EffectSpec). A second effect that adds
+nothing makes no pair.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE, UNKNOWN
@@ -154,7 +153,7 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
 
 
 def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
-    """The equations of all signatures given a first effect: with its law exact, and with LAW_ERROR."""
+    """The equations of all signatures given a first effect: with its law exact, and with the law's error."""
     (fit,) = first.linear_fits
     if first.refit is not None and first.refit.others is not None:
         equations, signal = first.refit.others, first.refit.signal
@@ -162,7 +161,7 @@ def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureE
         equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
     else:  # its evidence is direct: it does not change the motion
         equations, signal = linear.equations, 0.0
-    return equations, equations.with_law_error(max(signal, 0.0), LAW_ERROR)
+    return equations, equations.with_law_error(fit.effect.spec.law_variance(signal))
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:

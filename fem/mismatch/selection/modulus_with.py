@@ -135,8 +135,7 @@ class ModulusWith:
 def modulus_with(again: Refit) -> ModulusWith:
     """E, whose standard deviation includes the parameters' errors and the difference of the two inferences.
 
-    The error of an effect's law is a share of its signal in any direction of the parameters (`law_error` of
-    EffectSpec). Relative to the covariance by noise it adds that share squared times the signal.
+    The error of an effect's law widens it in any direction of the parameters (`law_variance` of EffectSpec).
     """
     responses = [again.response, *(ahead for _, ahead in again.ahead)]
     holds_it = any(effect.spec.holds_large_deformation for effect in again.effects)
@@ -190,7 +189,7 @@ def _law_widening(again: Refit) -> Float[np.ndarray, " p"]:
     """Factor on each parameter's standard deviation, from noise and from the error of its effect's law."""
     return np.array(
         [
-            np.sqrt(SYSTEMATIC**2 + effect.spec.law_error**2 * max(again.signal, 0.0))
+            np.sqrt(SYSTEMATIC**2 + effect.spec.law_variance(again.signal))
             for effect in again.effects
             for _ in effect.spec.searched
         ]
