@@ -51,15 +51,18 @@ def measured(
 LEAST_MARKERS, MOST_MARKERS, PITCH_MM = 14, 22, (0.8, 1.3)
 """Range of markers along each side, and of their spacing, mm: as in published gels with markers (set by
 hand)."""
+DRAWN_NAME = "drawn gel"
+"""Name of a random sensor: not that of a sensor model (tactile.readers.sensor_model), whose gel it lacks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerSensor:
     """Both pads' gel, its square grid of markers, its noise.
 
-    `force_share`: standard deviation of a marker's force over the pad's peak force.
+    `name`: in recordings. `force_share`: standard deviation of a marker's force over the pad's peak force.
     """
 
+    name: str = "20x20 marker gel"
     gel: Gel = DEFAULT_GEL
     markers: int = 20
     pitch_mm: float = 1.0
@@ -80,11 +83,6 @@ class MarkerSensor:
     def half_width_mm(self) -> float:
         """Half the gel's side: every marker represents a square of gel."""
         return self.markers * self.pitch_mm / 2
-
-    @property
-    def name(self) -> str:
-        """The sensor's name in recordings."""
-        return f"{self.markers}x{self.markers} marker gel"
 
     def noise(self, peak_N: float) -> SensorNoise:
         """Noise of a recording whose pads push with `peak_N` at most."""
@@ -110,7 +108,7 @@ def drawn_sensor(rng: np.random.Generator, *, contact_mm: float) -> MarkerSensor
         kn_MPa_per_mm=kn, kt_MPa_per_mm=kn * float(rng.uniform(0.2, 0.35)),
         friction=float(rng.uniform(0.5, 1.1)),
     )  # fmt: skip
-    sensor = MarkerSensor(gel=gel, markers=MOST_MARKERS, pitch_mm=PITCH_MM[1])
+    sensor = MarkerSensor(name=DRAWN_NAME, gel=gel, markers=MOST_MARKERS, pitch_mm=PITCH_MM[1])
     for _ in range(40):
         markers, pitch = int(rng.integers(LEAST_MARKERS, MOST_MARKERS + 1)), float(rng.uniform(*PITCH_MM))
         if markers * pitch / 2 > contact_mm + pitch / 2:

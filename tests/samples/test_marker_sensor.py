@@ -4,6 +4,7 @@ import numpy as np
 
 from samples.mismatch.drawn_fruit import CATEGORIES, drawn_fruit, seen_anew, seen_by_drawn_sensor
 from samples.mismatch.marker_sensor import drawn_sensor
+from tactile.readers.sensor_model import model_named
 
 
 def test_drawn_sensors_stay_in_their_ranges_and_cover_the_contact() -> None:
@@ -18,6 +19,7 @@ def test_drawn_sensors_stay_in_their_ranges_and_cover_the_contact() -> None:
     assert all(14 <= s.markers <= 22 and 0.8 <= s.pitch_mm <= 1.3 for s in drawn)
     assert all(s.half_width_mm > 8.0 for s in drawn)
     assert len({s.markers for s in drawn}) > 4
+    assert {model_named(s.name) for s in drawn} == {None}, "their gels are not that of a sensor model"
 
 
 def test_another_record_keeps_the_gel_and_changes_noise_scan_and_prior() -> None:
