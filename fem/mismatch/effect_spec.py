@@ -199,12 +199,10 @@ class EffectSpec:
             for spec, value in zip(self.searched, values, strict=True)
         }
 
-    def law_variance(self, signal: float) -> float:
-        """Variance of its law's error in any direction of the data, relative to the noise's. `signal`: the
-        chi-square that the law explains.
-        """
-        error = LAW_ERROR_OF_READINGS if self.of_readings else LAW_ERROR
-        return error**2 * max(signal, 0.0)
+    @property
+    def law_error(self) -> float:
+        """Error of its law as a share of its signal."""
+        return LAW_ERROR_OF_READINGS if self.of_readings else LAW_ERROR
 
     @property
     def enters(self) -> Entry:

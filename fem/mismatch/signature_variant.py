@@ -4,9 +4,12 @@ A start value is rounded, so that rounding errors of a machine do not change the
 """
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
+
+Way: TypeAlias = tuple[str, bool | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +22,11 @@ class Variant:
     pad: str = ""
     values: tuple[float, ...] = ()
     pit_turns: bool | None = None
+
+    @property
+    def way(self) -> Way:
+        """The part that a search fixes: its pad, and whether a loose pit turns."""
+        return self.pad, self.pit_turns
 
 
 ONE_WAY = Variant()

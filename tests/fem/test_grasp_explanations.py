@@ -67,12 +67,11 @@ def test_the_error_of_a_law_counts_as_noise():
     columns[2] -= columns[0] * (columns[0] @ columns[2]) / (columns[0] @ columns[0])
     data = 2.0 * columns[0] + 0.5 * columns[2] + rng.normal(size=NUMBERS)
     signal = (columns[0] @ data) ** 2 / (columns[0] @ columns[0] + SD**-2)
-    variance = BY_NAME["anisotropy"].spec.law_variance(signal)
-    noise = 1 + variance
+    noise = 1 + 0.2**2 * signal
     expected = dense_evidence(data, columns[2], noise=noise) - dense_evidence(data, noise=noise)
     remaining, explained = equations(columns, data).given((0,))
     assert explained == pytest.approx(signal)
-    remaining = remaining.with_law_error(variance)
+    remaining = remaining.with_law_error(signal, 0.2)
     assert added(remaining, (2,)) == pytest.approx(expected, rel=1e-6)
 
 
@@ -122,7 +121,7 @@ def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monke
     assert pair.gain > max(equal[name].gain for name in NAMES) + 3
     weak = round_of((1.0, 0.8 * LAW_ERROR, 0.0))
     assert "anisotropy+skin" not in by_name(weak)
-    monkeypatch.setattr(EffectSpec, "law_variance", lambda spec, signal: 0.0)
+    monkeypatch.setattr(EffectSpec, "law_error", 0.0)
     assert "anisotropy+skin" in by_name(weak)
 
 
@@ -153,17 +152,16 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
         normal=columns @ columns.T,
         right=columns @ (left * columns[0] + rng.normal(size=4000)),
     )
-    signal = 500.0
-    refit = SimpleNamespace(others=others, signal=signal)
+    refit = SimpleNamespace(others=others)
     in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
     pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
     if left:
-        expected = added(others.with_law_error(BY_NAME["anisotropy"].spec.law_variance(signal)), (0,))
+        expected = added(others, (0,))
         assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
         drop = others.right[0] ** 2 / (others.normal[0, 0] + others.sd[0] ** -2.0)
         assert pair.misfit == pytest.approx(first.misfit - drop / linear.numbers)
         refitted = replace(pair, gain=0.0, misfit=0.5, refit=refit)
         again = all_explanations(linear, in_full | {pair.name: refitted})
-        assert next(each for each in again if each.name == pair.name) == replace(refitted, gain=pair.gain)
+        assert next(each for each in again if each.name == pair.name) == refitted
     else:
         assert pair is None

@@ -63,7 +63,17 @@ def test_beside_a_full_model_a_signature_explains_as_much_as_in_a_fit_of_both():
         again.model,
         again.response,
         (*linear.nuisances, *second.columns),
-        [again.products.columns[j] for j in again.slopes],
+        again.products.columns[len(linear.nuisances) + 1 :],
         signatures=first.columns,
     )
     assert drop == pytest.approx(again.fit.chi2 - products.fit(chosen).chi2, rel=1e-4)
+
+
+def test_a_pair_begins_where_its_first_effect_ended():
+    linear = rounds([damage.EFFECT, skin.EFFECT])
+    by_name = {shown.name: shown for shown in linear.best}
+    first, second = by_name["damage"], by_name["skin"]
+    alone = refit(injected(), linear, (first,))
+    pair = refit(injected(), linear, (first, second), first=alone)
+    assert pair.fit.chi2 < alone.fit.chi2
+    assert pair.parameters[0]["dmax"] == pytest.approx(alone.parameters[0]["dmax"], rel=0.05)

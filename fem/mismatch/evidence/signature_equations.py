@@ -95,11 +95,11 @@ class SignatureEquations:
             right=self.right - self.normal[:, given_columns] @ solved[:, -1],
         ), float(self.right[given_columns] @ solved[:, -1])
 
-    def with_law_error(self, variance: float) -> "SignatureEquations":
-        """The equations if the law of a first effect is not exact. `variance`: of its error, which counts as
-        noise (`law_variance` of EffectSpec).
+    def with_law_error(self, signal: float, law_error: float) -> "SignatureEquations":
+        """The equations if the law of a first effect, which explains `signal`, is not exact. Its error counts
+        as noise with a variance of `law_error`^2 times the signal in any direction.
         """
-        noise = 1 + variance
+        noise = 1 + law_error**2 * max(signal, 0.0)
         return replace(self, normal=self.normal / noise, right=self.right / noise)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:

@@ -11,7 +11,6 @@ parameters.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from fem.mismatch.selection.decision import TEMPERATURE, verdict_of
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations, mean_gain, ranked
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
+from fem.mismatch.signature_variant import Way
 from fem.parallel_map import parallel_map
 
 MOST_REFITS = 8
@@ -35,8 +35,6 @@ RIVAL_SHARE = 0.5
 """Another effect, or the same on another pad, is refitted if its log Bayes factor by signatures is above this
 share of the best. With three misplaced pads the wrong one gained as much or a little more. A loose pit gained
 0.83 of what soft jaws did (`benchmarks/mismatch.py`). Set by hand, well below these."""
-Way: TypeAlias = tuple[str, bool | None]
-"""The part of a signature's variant that a search fixes: its pad, and whether a loose pit turns."""
 AT_AN_END = "its second effect ends at the limit of its parameters"
 
 
@@ -70,7 +68,7 @@ def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> Mo
         if not due:
             break
         for hypothesis, failed in parallel_map(
-            lambda hypothesis: _in_full(model, linear, hypothesis), due, workers=model.workers
+            lambda hypothesis: _in_full(model, linear, hypothesis, in_full), due, workers=model.workers
         ):
             in_full[hypothesis.name] = hypothesis
             if not hypothesis.tenable:
@@ -108,16 +106,20 @@ def _due(
     return first[: MOST_REFITS - len(in_full)]
 
 
-def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
+def _in_full(
+    model: CaseModel, linear: LinearRound, hypothesis: Hypothesis, in_full: Mapping[str, Hypothesis]
+) -> tuple[Hypothesis, str]:
     """The explanation with full models of its plausible ways, their gain and misfit; or untenable, with the
-    reason.
+    reason. `in_full`: explanations with a full model, by name; a pair begins where its first effect ended.
     """
     refits, failed = list[tuple[float, Refit]](), ""
-    gains = dict[Way, float]()
+    gains = dict[tuple[Way, ...], float]()
+    ended = _ended(hypothesis, in_full)
     for fits in product(*(_ways_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
-        gains[_way(fits[0])] = -np.inf
+        ways = tuple(fit.signature.variant.way for fit in fits)
+        gains[ways] = -np.inf
         try:
-            again = refit(model, linear, fits)
+            again = refit(model, linear, fits, first=ended.get(ways[0]))
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -125,7 +127,7 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
             failed = AT_AN_END
             continue
         gain = _gain(linear, again)
-        gains[_way(fits[0])] = gain if again.converged else max(gain, fits[0].gain)
+        gains[ways] = gain if again.converged or len(fits) > 1 else max(gain, fits[0].gain)
         refits.append((gain, again))
     if not refits:
         return replace(hypothesis, tenable=False), failed
@@ -133,27 +135,37 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
     weight = [(float(np.exp((gain - most) / TEMPERATURE)), again) for gain, again in others]
     kept = [(share, again) for share, again in weight if share >= NEGLIGIBLE]
     total = 1 + sum(share for share, _ in kept)
-    is_pair = len(hypothesis.linear_fits) > 1
     return replace(
         hypothesis,
-        gain=hypothesis.gain if is_pair else _over_ways(linear, hypothesis.name, gains),
+        gain=_over_ways(linear, hypothesis, gains),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
     ), ""
 
 
-def _over_ways(linear: LinearRound, name: str, in_full: Mapping[Way, float]) -> float:
-    """ln of an effect's mean Bayes factor over its ways. `in_full`: log Bayes factors of ways with a full
-    model; a way without one has that of its signatures, but no more than the best in full.
+def _ended(hypothesis: Hypothesis, in_full: Mapping[str, Hypothesis]) -> dict[Way, Refit]:
+    """The full models of a pair's first effect, by way."""
+    single = in_full.get(hypothesis.linear_fits[0].name)
+    if single is None or single.refit is None or len(hypothesis.linear_fits) == 1:
+        return {}
+    refits = (single.refit, *(again for _, again in single.alternatives))
+    return {again.variants[0].way: again for again in refits}
+
+
+def _over_ways(
+    linear: LinearRound, hypothesis: Hypothesis, in_full: Mapping[tuple[Way, ...], float]
+) -> float:
+    """ln of an explanation's mean Bayes factor over its ways. `in_full`: log Bayes factors of ways with a
+    full model. Another way has that of its signatures, but no more than the best in full; in a pair, none.
     """
-    most = max(in_full.values())
-    return mean_gain(
-        [
-            in_full.get(way, min(mean_gain([fit.gain for fit in fits]), most))
-            for way, fits in _by_way(linear, name).items()
-        ]
-    )
+    most, pair = max(in_full.values()), len(hypothesis.linear_fits) > 1
+    by_way = [_by_way(linear, fit.name) for fit in hypothesis.linear_fits]
+    by_signature = {
+        (way,): min(mean_gain([fit.gain for fit in fits]), most) for way, fits in by_way[0].items()
+    }
+    known = dict(in_full) if pair else by_signature | dict(in_full)
+    return mean_gain([known.get(ways, -np.inf) for ways in product(*by_way)])
 
 
 def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
@@ -165,7 +177,11 @@ def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]
     most = max((fit.gain for fit in best.values()), default=0.0)
     return [
         chosen,
-        *(fit for way, fit in best.items() if way != _way(chosen) and fit.gain > RIVAL_SHARE * most > 0),
+        *(
+            fit
+            for way, fit in best.items()
+            if way != chosen.signature.variant.way and fit.gain > RIVAL_SHARE * most > 0
+        ),
     ]
 
 
@@ -174,12 +190,8 @@ def _by_way(linear: LinearRound, name: str) -> dict[Way, list[LinearFit]]:
     by_way: dict[Way, list[LinearFit]] = {}
     for fit in sorted(linear.linear_fits, key=lambda fit: -fit.gain):
         if fit.name == name:
-            by_way.setdefault(_way(fit), []).append(fit)
+            by_way.setdefault(fit.signature.variant.way, []).append(fit)
     return by_way
-
-
-def _way(fit: LinearFit) -> Way:
-    return fit.signature.variant.pad, fit.signature.variant.pit_turns
 
 
 def _gain(linear: LinearRound, again: Refit) -> float:

@@ -3,7 +3,7 @@
 Parameters are searched on the scale of their EffectParameter. Finite-difference slopes of the response about
 the current parameters are columns like any other. Their amounts are the step, and their covariance is that of
 the parameters. The evidence is that of the last linearised model (Laplace), with a prior as wide as the
-bounds allow.
+bounds allow. The last model also has columns for the error of the effects' laws.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,6 +19,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, superposed
 from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
+from fem.mismatch.evidence.law_error import law_error_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.case_model import CaseModel
@@ -61,8 +62,7 @@ class Refit:
     `others`: equations of all signatures given the model of one effect, with columns as in the linear round.
     `model`: with the 1/E to which `fit`'s first amount is relative, and the search's warm starts for another
     search. `at_an_end`: for each effect, whether a parameter is at the end of its bounds, where it means
-    another cause. `last_gain`: log evidence that the last round gained. `signal`: chi-square of the plain
-    model less that of `fit`.
+    another cause. `last_gain`: log evidence that the last round gained.
     """
 
     effects: tuple[Effect, ...]
@@ -80,7 +80,6 @@ class Refit:
     model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
-    signal: float
 
     @property
     def converged(self) -> bool:
@@ -106,14 +105,17 @@ class Refit:
         return "+".join(sorted(effect.spec.name for effect in self.effects))
 
 
-def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit]) -> Refit:
-    """The effects of these signatures, refitted.
+def refit(
+    model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit], *, first: Refit | None = None
+) -> Refit:
+    """The effects of these signatures, refitted. `first`: the first effect's full model, where a pair begins.
 
     Raises FemFailure if their model cannot be computed at any start, or at a later step.
     """
     specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
+    model = model if first is None else first.model
     search = _Search(model, linear, tuple(linear_fits), specs)
-    now, _ = search.followed(search.begun(model))
+    now, _ = search.followed(search.begun(model, () if first is None else first.parameters))
     gained = float("inf")
     for _ in range(ROUNDS):
         step = now.fit.amounts[-len(specs) :]
@@ -135,6 +137,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
             gained = float("inf")
         elif gained < LAST_ROUND_GAIN:
             break
+    now = search.linearised(now.at, with_law_error=True)
     count = len(specs)
     # slopes are at a fixed 1/E, parameters also change with 1/E (strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
@@ -155,7 +158,6 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
-        signal=linear.null.chi2 - now.fit.chi2,
     )
 
 
@@ -215,16 +217,23 @@ class _Search:
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(self, model: CaseModel) -> _Linearised:
+    def begun(self, model: CaseModel, known: Sequence[dict[str, float]] = ()) -> _Linearised:
         """The model at the start; if there is none, as for a pit that pokes out, at a start nearer to zero.
 
-        If an effect has another start that gains about as much, that one is used.
+        If an effect has another start that gains about as much, that one is used. `known`: parameters at
+        which the first effects start.
 
         Raises FemFailure if there is no model down to LEAST_SHARE of the linear amounts.
         """
         share, before = 1.0, None
         while True:
-            starts = [fit.effect.start(model, fit.signature, share * fit.amounts) for fit in self.linear_fits]
+            starts = [
+                *known,
+                *(
+                    fit.effect.start(model, fit.signature, share * fit.amounts)
+                    for fit in self.linear_fits[len(known) :]
+                ),
+            ]
             try:
                 now = self.linearised(self.scaled(starts))
                 break
@@ -234,7 +243,7 @@ class _Search:
                     raise
                 before = starts
         plain = self.linear.null.log_evidence
-        for k, fit in enumerate(self.linear_fits):
+        for k, fit in enumerate(self.linear_fits[len(known) :], start=len(known)):
             other = fit.effect.other_start(model, fit.signature.variant)
             if other is not None:
                 tried = [*starts[:k], other, *starts[k + 1 :]]
@@ -269,11 +278,14 @@ class _Search:
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The sum of the effects' changes of the plain model's response."""
-        responses = [
+        responses = self._responses(at)
+        return responses[0] if len(responses) == 1 else superposed(self.model, responses)
+
+    def _responses(self, at: Float[np.ndarray, " p"]) -> list[Response]:
+        return [
             self.single_response(k, tuple(parameters.items()), self.model.compliance)
             for k, parameters in enumerate(self.by_effect(at))
         ]
-        return responses[0] if len(responses) == 1 else superposed(self.model, responses)
 
     def _single_response(
         self, number: int, parameters: tuple[tuple[str, float], ...], _compliance: float
@@ -314,8 +326,8 @@ class _Search:
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
 
-    def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
-        """The model about these parameters, with its slopes as columns.
+    def linearised(self, at: Float[np.ndarray, " p"], *, with_law_error: bool = False) -> _Linearised:
+        """The model about these parameters, with its slopes as the last columns.
 
         Laplace: the slopes' remaining gain is subtracted; only their widths count.
         """
@@ -342,8 +354,9 @@ class _Search:
                     ],
                 )
             )
+        laws = self._law_error_columns(at) if with_law_error else []
         products, chosen = self.linear.products.about(
-            self.model, response, self.nuisances, slopes, signatures=self.signatures
+            self.model, response, self.nuisances, [*laws, *slopes], signatures=self.signatures
         )
         fit = products.fit(chosen)
         slope_columns = slice(len(fit.amounts) - len(slopes), None)
@@ -363,15 +376,24 @@ class _Search:
             fit=fit,
         )
 
+    def _law_error_columns(self, at: Float[np.ndarray, " p"]) -> list[Regressor]:
+        return [
+            column
+            for fit, response in zip(self.linear_fits, self._responses(at), strict=True)
+            for column in law_error_columns(self.model, fit.effect, response)
+        ]
+
     def others_equations(self, now: _Linearised) -> SignatureEquations:
-        """The equations of all signatures given the model, with its slopes integrated out."""
-        equations, cut = self.linear.equations, len(now.chosen) - len(self.spread)
-        slopes = [now.products.columns[j] for j in now.chosen[cut:]]
+        """The equations of all signatures given the model, with its slopes and its law's error integrated
+        out.
+        """
+        equations, cut = self.linear.equations, len(self.nuisances)
+        columns = [now.products.columns[j] for j in now.chosen[cut:]]
         products, chosen = self.linear.products.about(
             self.model,
             now.response,
             (*self.nuisances, *equations.columns),
-            slopes,
+            columns,
             signatures=self.signatures,
         )
         first = len(self.nuisances)
