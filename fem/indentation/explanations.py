@@ -46,8 +46,8 @@ DRAWS = 16
 """Number of starts drawn from the prior, and about each simpler fit."""
 TEMPERATURE = 1.0
 """Divisor of log Bayes factors: 1, since the noise of a curve includes the error of its laws. With the
-divisor of grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without it two
-(benchmarks/silicone_cylinders.py; all ten mixtures)."""
+divisor of grasps 13 of 100 silicone cylinders were `stiffening` or `viscoelastic`, without it two
+(benchmarks/silicone_cylinders.py at `fd51c8a1`; all ten mixtures)."""
 LEAST_WEIGHT = 1e-4
 """Probability of a law below which the mean omits its force."""
 SHAPES = frozenset({"stiffening", "plastic_set", "damage"})

@@ -145,11 +145,11 @@ def pressed_by_hertz(**of_ramp):
 
 
 def test_a_drift_is_shown_by_frames_whose_force_is_no_function_of_a_growing_depth():
-    one = pressed_by_hertz(air_s=0.0, ramp_s=60.0)
+    quick = pressed_by_hertz(air_s=0.0, ramp_s=60.0)
     slow = pressed_by_hertz(air_s=0.0, ramp_s=120.0)
-    assert not shows_drift(one)
-    assert not shows_drift(joined([one, one, one]))
-    assert shows_drift(joined([one, slow]))
+    assert not shows_drift(quick)
+    assert not shows_drift(joined([quick, quick, quick]))
+    assert shows_drift(joined([quick, slow]))
     assert shows_drift(pressed_by_hertz(air_s=10.0, ramp_s=60.0))
     assert shows_drift(pressed_by_hertz(air_s=0.0, ramp_s=60.0, hold_s=10.0))
 
