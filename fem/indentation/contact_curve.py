@@ -34,8 +34,9 @@ class ContactCurve:
     `yield_depth_mm`: depth, per yield stress over E, at which all flesh under the tool flows; None if contact
     and flow grow together. `held_over_sliding`: force with bonded ends over that with sliding ends, if the
     ends are not stated. `stiffer_ends`: factor of stated ends on the force at small strain. `toe_mm`: typical
-    spread of first touches of an end that is not parallel to its plate. `without`: effects without a law in
-    this geometry, and why, as the end of a sentence.
+    spread of first touches of an end that is not parallel to its plate. `without`: effects that are not
+    tested, since they have no law in this geometry or no signature of their own, and why, as the end of a
+    sentence.
     """
 
     poisson_ratio: float

@@ -8,7 +8,14 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_curve import out_of_range
 from fem.indentation.contact_law import linear_law, suffix_of
-from fem.indentation.explanations import P_NOMINAL, CurvePosterior, candidate_fits, forms_of, posterior
+from fem.indentation.explanations import (
+    P_NOMINAL,
+    CurvePosterior,
+    candidate_fits,
+    forms_of,
+    identifiable,
+    posterior,
+)
 from fem.indentation.fit import TraceFit, from_prior, predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, pooled_noise, require_force
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread
@@ -93,7 +100,8 @@ def explain_trace(
     trace, ruptured = joined([part for part, _ in whole]), [said for _, said in whole if said]
 
     def explained(trace: IndenterTrace) -> CurvePosterior:
-        law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+        plain = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+        law = identifiable(plain, trace)
         return posterior(candidate_fits(law, trace, pooled_noise(trace), rng, forms_of(trace)))
 
     answer, left_out = explained(trace), dict[int, str]()

@@ -8,6 +8,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.ball import Ball
 from fem.indentation.contact_law import linear_law
 from fem.indentation.explain_trace import BACK, IN_AIR, SLOWER, explain_trace, next_press
+from fem.indentation.explanations import shows_drift
 from fem.indentation.trace import IndenterTrace, joined
 
 E_MPa, RADIUS = 0.3, 20.0
@@ -126,6 +127,31 @@ def test_a_drift_that_the_cell_may_have_is_in_the_error_bar_of_a_single_ramp():
         assert said.after.sd >= said.before.sd
         assert abs(said.after.value - E_MPa) < 2 * said.after.sd
         assert not any("sensor_drift" in name for name in names_of(said))
+
+
+def test_a_faulty_cells_drift_is_not_named_in_a_single_ramp():
+    """It bends the curve like flesh that softens, and no frame in the air or at rest shows it."""
+    time, travel, depth, noise = ramp(3, air_s=0.0, ramp_s=60.0, rate_hz=5.0)
+    said = account(time, hertz_N(depth) + 0.6 * time / 60 + noise, travel, drift_N_per_min=0.06).explanation
+    assert not any("sensor_drift" in effect.effect for effect in said.ranking)
+    assert sum(note.startswith("Sensor drift was not looked for") for note in said.notes) == 1
+
+
+def pressed_by_hertz(**of_ramp):
+    time, travel, depth, noise = ramp(3, rate_hz=5.0, **of_ramp)
+    return IndenterTrace(
+        time_s=time, force_N=hertz_N(depth) + noise, travel_mm=travel, geometry=Ball(radius_mm=RADIUS)
+    )
+
+
+def test_a_drift_is_shown_by_frames_whose_force_is_no_function_of_a_growing_depth():
+    quick = pressed_by_hertz(air_s=0.0, ramp_s=60.0)
+    slow = pressed_by_hertz(air_s=0.0, ramp_s=120.0)
+    assert not shows_drift(quick)
+    assert not shows_drift(joined([quick, quick, quick]))
+    assert shows_drift(joined([quick, slow]))
+    assert shows_drift(pressed_by_hertz(air_s=10.0, ramp_s=60.0))
+    assert shows_drift(pressed_by_hertz(air_s=0.0, ramp_s=60.0, hold_s=10.0))
 
 
 @pytest.mark.parametrize(("hold_s", "fall_s", "noise_N"), [(2.0, 8.0, 0.1), (0.0, 0.0, 0.01)])
