@@ -38,8 +38,8 @@ MOST_SHARE, LEAST_MM = 0.98, 0.1
 """The colours of the surface's error end at this quantile of the seen vertices, because a few at the foot
 would hide the rest. They reach at least LEAST_MM: a good surface does not look like a bad one."""
 WORDS = 0.054
-"""Size of the words over the height of the picture of two sides: 11 px on a phone, which shows it 394 px wide.
-Set by hand."""
+"""Size of the words over the height of the picture of two sides (by eye): 11 px on a phone, which shows the
+picture 394 px wide."""
 LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 """Lengths of a scale bar, mm."""
 
