@@ -50,7 +50,7 @@ def band(x: Iterable[float], low: Iterable[float], high: Iterable[float]) -> Cha
 def rules(
     along: str, at: Iterable[float], *, colour: str = "soft", name: str = "", names: Iterable[str] = ()
 ) -> Chart:
-    """Dashed lines at values of the axis "x" or "y", with a `name` in the key, or `names` along the lines."""
+    """Dashed lines at values of the axis "x" or "y", with a `name` in the key, or `names` beside them."""
     words = {"name": name, "names": list(names)}
     return {"kind": "rules", "along": along, "at": rounded(at), "colour": colour, **words}
 

@@ -73,7 +73,7 @@ def lots_chart(group: GroupEntry) -> Chart:
         "description": f"Geometric means of the last days: {last}",
         "x": {"label": "", "limits": day_limits(x for each in layers for x in each["x"]), "dates": True},
         "y": {
-            "label": "E, geometric mean of each day (MPa)",
+            "label": "E, geometric mean (MPa)",
             "limits": padded((y for each in layers for y in each["y"]), from_zero=True),
         },
         "layers": layers,

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from reports.charts import PlacedCharts
 from reports.language import fruit_count, language_in_force, say, say_html
-from reports.words import duration, effect_name, number, percent, verdict_words, with_sd
+from reports.words import duration, effect_name, number, percent, share, verdict_words, with_sd
 
 CHARTS = ("uplot.js", "charts.js")
 """Scripts of a page with charts: the library uPlot (MIT, 51 kB), and drupe's script that draws with it."""
@@ -38,6 +38,7 @@ def _environment(language: str) -> Environment:
         "effect": effect_name,
         "number": number,
         "percent": percent,
+        "share": share,
         "verdict_words": verdict_words,
         "with_sd": with_sd,
     }

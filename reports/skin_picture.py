@@ -37,6 +37,9 @@ MARGIN = 1.25
 MOST_SHARE, LEAST_MM = 0.98, 0.1
 """The colours of the surface's error end at this quantile of the seen vertices, because a few at the foot
 would hide the rest. They reach at least LEAST_MM: a good surface does not look like a bad one."""
+WORDS = 0.054
+"""Size of the words over the height of the picture of two sides (by eye): 11 px on a phone, which shows the
+picture 394 px wide."""
 LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 """Lengths of a scale bar, mm."""
 
@@ -227,20 +230,36 @@ def _key(axes: Axes, limit: float, style: MapStyle, pads: Sequence[str]) -> None
         axes.text(x + 2, y, words, ha="left", va="center", fontsize=9, color=INK)
 
 
+def _words_pt(axes: Axes) -> float:
+    return WORDS * 72 * float(axes.get_window_extent().height) / 100
+
+
 def _directions(axes: Axes, view: Float[np.ndarray, "3 3"], half: float, words_zx: Sequence[str]) -> None:
-    """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner."""
-    foot = np.array([-0.66 * half, -0.78 * half])
-    for axis, words in zip((2, 0), words_zx, strict=True):
-        tip = foot + 0.22 * half * view[:2, axis]
-        arrow = {"arrowstyle": "<|-", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate(words, xy=tuple(foot), xytext=tuple(tip), arrowprops=arrow, ha="center", fontsize=12)
+    """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner; the word of z is
+    above its arrow and left of the fruit, that of x below both.
+    """
+    foot = np.array([-0.68 * half, -0.74 * half])
+    arrow = {"arrowstyle": "<|-", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
+    for axis, words, way in zip((2, 0), words_zx, (1, -1), strict=True):
+        tip = foot + 0.17 * half * view[:2, axis]
+        axes.annotate("", xy=tuple(foot), xytext=tuple(tip), arrowprops=arrow)
+        end = way * max(way * tip[1], way * foot[1]) + way * 0.03 * half
+        across, up = ("right", "bottom") if way > 0 else ("center", "top")
+        axes.text(tip[0], end, words, ha=across, va=up, fontsize=_words_pt(axes), color=INK)
 
 
 def _scale_bar(axes: Axes, half: float) -> None:
     length = next((step for step in LENGTHS_MM if step <= 0.7 * half), LENGTHS_MM[-1])
     end, y = 0.9 * half, -0.88 * half
     axes.plot([end - length, end], [y, y], color=INK, lw=2.2, solid_capstyle="butt")
-    axes.text(end - length / 2, y + 0.03 * half, f"{length:g} mm", ha="center", va="bottom", fontsize=12)
+    axes.text(
+        end - length / 2,
+        y + 0.03 * half,
+        f"{length:g} mm",
+        ha="center",
+        va="bottom",
+        fontsize=_words_pt(axes),
+    )
 
 
 def _legend(axes: Axes, pads: Sequence[str], half: float, *, with_pit: bool) -> None:
@@ -250,4 +269,4 @@ def _legend(axes: Axes, pads: Sequence[str], half: float, *, with_pit: bool) -> 
     for k, (words, colour) in enumerate(marks):
         y = half * (0.91 - 0.105 * k)
         axes.plot([-0.91 * half], [y], marker="o", ms=8, color=colour)
-        axes.text(-0.85 * half, y, words, va="center", fontsize=12, color=INK)
+        axes.text(-0.85 * half, y, words, va="center", fontsize=_words_pt(axes), color=INK)

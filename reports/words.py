@@ -226,6 +226,15 @@ def percent(probability: float | None) -> str:
     return f"<1{NO_BREAK}%" if probability < 0.01 else f"{100 * probability:.0f}{NO_BREAK}%"
 
 
+def share(part: float) -> str:
+    """A share of counted fruit in whole percent, with a no-break space; 0 and 100 % are none and all.
+
+    >>> [share(part).replace(NO_BREAK, " ") for part in (0.0, 0.004, 0.35, 1.0)]
+    ['0 %', '<1 %', '35 %', '100 %']
+    """
+    return f"{100 * part:.0f}{NO_BREAK}%" if part in {0.0, 1.0} else percent(part)
+
+
 def duration(seconds: float) -> str:
     """Wall time for people.
 

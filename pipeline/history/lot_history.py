@@ -12,6 +12,7 @@ from scipy.stats import norm
 from pipeline.history.appraisers import comparisons, gripper_of
 from pipeline.history.lot_statistics import class_ranges, lot_statistics, out_of_control, share_outside
 from pipeline.history.lots_softening import lot_groups
+from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.softening import COVERAGE, FARTHEST, Softening, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from pipeline.problem import listed
@@ -35,6 +36,10 @@ Set by hand."""
 REVISED = (
     "{batches} of its batches {were} graded again: the newest results count, and the store keeps "
     "{revisions} earlier revision{s}"
+)
+SAME_IDS = (
+    "several batches of {days} contain the same fruit ids. Statistics and rate count every measurement; "
+    "sampling plans and the OECD sample count one fruit per id"
 )
 MOST_NAMED = 6
 """Most fruit or days that one sentence names."""
@@ -116,6 +121,8 @@ def _notes(batches: Sequence[StoredBatch], *, several_limits: bool) -> Iterable[
         yield DAY_OF_GRADING.format(days=listed(undated, MOST_NAMED))
     if several_limits:
         yield SEVERAL_LIMITS
+    if twice := sorted({f"{fruit.batch.measured}" for fruit in merged_fruit(batches) if len(fruit.rows) > 1}):
+        yield SAME_IDS.format(days=listed(twice, MOST_NAMED))
     if revised := [batch.revisions for batch in batches if batch.revisions]:
         yield REVISED.format(
             batches=len(revised),

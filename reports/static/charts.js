@@ -6,6 +6,7 @@ const charts = (function () {
   const language = document.documentElement.lang;
   const say = (number, digits = 4) => number.toLocaleString(language, { maximumSignificantDigits: digits, useGrouping: false });
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const FONT = (px) => `${12 * px}px system-ui, sans-serif`;
   const SHAPES = {
     square: [[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]],
     diamond: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]],
@@ -36,15 +37,11 @@ const charts = (function () {
       path(pen, layer.x.map((x, k) => [X(x), Y(layer.y[k])]), layer.smooth);
       pen.stroke();
     },
-    rules(pen, layer, X, Y, box, px) { // dashed, across the other axis, with their names
+    rules(pen, layer, X, Y, box, px) { // dashed, across the other axis
       pen.setLineDash([4 * px, 4 * px]);
-      layer.at.forEach((at, k) => {
-        const upright = layer.along === "x";
-        const ends = upright ? [[X(at), box.top], [X(at), box.top + box.height]] : [[box.left, Y(at)], [box.left + box.width, Y(at)]];
+      layer.at.forEach((at) => {
+        const ends = layer.along === "x" ? [[X(at), box.top], [X(at), box.top + box.height]] : [[box.left, Y(at)], [box.left + box.width, Y(at)]];
         path(pen, ends);
-        if (upright || !layer.names?.length) return;
-        pen.textAlign = "right";
-        pen.fillText(layer.names[k], box.left + box.width - 4 * px, Y(at) - 6 * px);
       });
       pen.stroke();
     },
@@ -80,7 +77,6 @@ const charts = (function () {
     pen.beginPath();
     pen.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
     pen.clip();
-    pen.font = `${12 * px}px system-ui, sans-serif`;
     for (const layer of spec.layers) {
       if (!(layer.x || layer.at || layer.from).length) continue;
       pen.save();
@@ -89,6 +85,32 @@ const charts = (function () {
       pen.beginPath();
       PAINT[layer.kind](pen, layer, X, Y, plot.bbox, px);
       pen.restore();
+    }
+    pen.restore();
+    nameRules(pen, spec, Y, plot, px);
+  }
+
+  // names of rules across x, right of the marks, beside their lines; a name that has no room goes up
+  const namedRules = (spec) => spec.layers.filter((layer) => layer.kind === "rules" && layer.names?.length)
+    .flatMap((layer) => layer.names.map((name, k) => ({ name, at: layer.at[k], colour: layer.colour })));
+  const measuring = document.createElement("canvas").getContext("2d");
+  function margin(spec, width) {
+    measuring.font = FONT(1);
+    return Math.min(width / 3, Math.max(0, ...namedRules(spec).map(({ name }) => measuring.measureText(name).width + 8)));
+  }
+  function nameRules(pen, spec, Y, plot, px) {
+    const { left, top, width, height } = plot.bbox, room = margin(spec, plot.width) - 4;
+    let lowest = top + height;
+    pen.save();
+    pen.font = FONT(px);
+    pen.textAlign = "left";
+    pen.textBaseline = "middle";
+    for (const { name, at, colour: its } of namedRules(spec).sort((a, b) => a.at - b.at)) {
+      if (Y(at) < top || Y(at) > top + height) continue;
+      const up = Math.min(Y(at), lowest);
+      lowest = up - 13 * px;
+      pen.fillStyle = colour(its);
+      pen.fillText(name, left + width + 4 * px, up, room * px);
     }
     pen.restore();
   }
@@ -164,7 +186,7 @@ const charts = (function () {
     }
     const plot = new uPlot({
       width: frame.clientWidth || 320, height: spec.height || (spec.low ? 170 : 260),
-      legend: { show: false }, padding: [10, 10, 0, 0], axes: axes(spec), series: [{}, { points: { show: false }, stroke: "transparent" }],
+      legend: { show: false }, padding: [10, () => 10 + margin(spec, frame.clientWidth || 320), 0, 0], axes: axes(spec), series: [{}, { points: { show: false }, stroke: "transparent" }],
       scales: { x: { time: false, range: (u, low, high) => (low === null ? limits[0] : [low, high]) }, y: { range: () => limits[1].slice().sort((a, b) => a - b) } },
       cursor: { drag: { x: true, y: false, setScale: !select }, points: { show: false }, y: !select, ...(spec.group ? { sync: { key: spec.group } } : {}) },
       hooks: {

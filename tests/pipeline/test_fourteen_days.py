@@ -120,6 +120,15 @@ def test_every_count_is_right(season):
     ) == [(3,)]
 
 
+def test_the_page_says_that_both_grippers_measured_the_same_ids(season):
+    for lot in season.last.entry.series:
+        first, *_, last = sorted(season.truth.loc[season.truth["lot"] == lot.lot, "measured_on"].unique())
+        (said,) = (note for note in lot.notes if "the same fruit ids" in note)
+        assert said.startswith("several batches of ")
+        assert first in said
+        assert last in said
+
+
 def test_what_was_replaced_stays(season):
     by_revision = queried(
         season.store,

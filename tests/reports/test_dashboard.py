@@ -356,6 +356,17 @@ def test_axe_finds_nothing_and_nothing_is_cut_off(shown, width, scheme):
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
+def test_on_a_phone_the_grasps_of_a_fruit_are_whole_and_name_their_columns(shown, language):
+    page, _ = shown(3, language=language, viewport={"width": 360, "height": 800})
+    table = page.locator("#card .table")
+    assert table.evaluate("(table) => table.scrollWidth - table.clientWidth") <= 0
+    heads = table.locator("thead th").all_text_contents()
+    cells = table.locator("tbody td")
+    named = cells.evaluate_all("(cells) => cells.map((cell) => getComputedStyle(cell, '::before').content)")
+    assert named == [f'"{head}: "' for head in heads[1:]]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_on_a_phone_fruit_class_decision_and_E_come_first_and_are_whole(
     shown, awkward_batch, graded, language
 ):

@@ -57,9 +57,23 @@ def test_view_axes_are_right_handed_and_up_is_up(azimuth_deg):
 
 def test_the_fruit_is_drawn_to_scale():
     """A disk of the ball's radius in each half; arrows, bar and legend are dark or of the pads' colours."""
-    flesh = (picture()[..., 0] - picture()[..., 2]) > 30
-    mm_per_px = 2 * MARGIN * RADIUS_MM / VIEW_PX
+    whole = opened(mesh_picture(SPHERE_MM, FACES))
+    flesh = (whole[..., 0] - whole[..., 2]) > 30
+    mm_per_px = 2 * MARGIN * RADIUS_MM / whole.shape[0]
     assert flesh.sum() * mm_per_px**2 == pytest.approx(2 * np.pi * RADIUS_MM**2, rel=0.02)
+
+
+def test_words_are_beside_the_fruit_and_legible_on_a_phone():
+    px, phone_px = 440, 394  # of a view; of the whole picture on a screen 420 px wide
+    none = np.empty((0, 3))
+    image = opened(mesh_picture(SPHERE_MM, FACES, view_px=px, contacts_mm={"left": none, "right": none}))
+    dark = image.max(axis=2) < 90
+    rows, columns = np.indices(dark.shape)
+    from_middle_px = np.hypot(rows - px / 2, columns % px - px / 2)
+    assert not dark[from_middle_px < px / 2 / MARGIN].any()
+    bar = px + np.flatnonzero(dark[px // 2 :, -px // 3 :].any(axis=1))
+    digits = np.flatnonzero(dark[px // 2 : bar[-1] - px - 4 + px // 2, -px // 3 :].any(axis=1))
+    assert np.ptp(digits) * phone_px / (2 * px) >= 7
 
 
 def test_the_pit_darkens_only_the_middle():
