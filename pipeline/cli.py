@@ -53,6 +53,9 @@ class _Commands(TyperGroup):
         """Runs the command. Raises typer.BadParameter for a wrong option."""
         try:
             return super().invoke(ctx)
+        except KeyboardInterrupt:  # which typer would end without a word
+            typer.echo(SAID, nl=False, err=True)
+            raise typer.Exit(INTERRUPTED) from None
         except typer.BadParameter as error:
             error.message = plain_message(error.message)
             raise

@@ -1,6 +1,7 @@
 """`record.json` of one fruit: everything known about it, with a schema version."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, Self, TypeVar
 
@@ -255,10 +256,27 @@ class FruitRecord(_Record):
         ranked = self.temperature or against_bodies or self.modulus
         return (ranked.E_MPa, ranked.E_sd_MPa) if self.graded and ranked is not None else (None, None)
 
+    def with_doubts(self, field: Literal["forced", "copied"], said: Sequence[str]) -> Self:
+        """The record with these doubts in `field` in place of an earlier run's; its modulus stays."""
+        before = getattr(self, field)
+        doubts, warnings = (
+            (*said, *(sentence for sentence in sentences if sentence not in before))
+            for sentences in (self.doubts, self.warnings)
+        )
+        changed = {field: tuple(said), "doubts": doubts, "warnings": warnings}
+        return self if tuple(said) == before else self.model_copy(update=changed)
+
 
 def write_record(path: Path, record: FruitRecord) -> None:
     """Writes the record as JSON, whole or not at all. Raises NotWritten."""
     write_whole(path, record.model_dump_json(indent=1) + "\n")
+
+
+def write_changed(path: Path, before: FruitRecord, now: FruitRecord) -> FruitRecord:
+    """Writes the record `now` if it differs from `before`, and returns it."""
+    if now != before:
+        write_record(path, now)
+    return now
 
 
 def read_record(path: Path) -> FruitRecord | None:

@@ -7,7 +7,6 @@ from rich.console import Console
 from typer import Option
 
 from pipeline.batch.batch_place import require_folder
-from pipeline.commands.endings import exit_when_interrupted
 from pipeline.commands.machine import require_libraries
 from pipeline.commands.shared_options import BatchArgument
 from pipeline.exit_status import DONE, DOUBTED, USAGE
@@ -40,10 +39,9 @@ def check(
     console = Console(stderr=True)
     console.quiet = not console.is_terminal  # in a log the problems are enough
     report = StageLines(console).stage
-    with exit_when_interrupted(""):
-        for problem in problems_of(batch, quick=quick, report=report):
-            typer.echo(f"{problem}")
-            listed_problems.append(problem)
+    for problem in problems_of(batch, quick=quick, report=report):
+        typer.echo(f"{problem}")
+        listed_problems.append(problem)
     doubts = sum(problem.doubtful for problem in listed_problems)
     remarks = sum(problem.remark for problem in listed_problems)
     problems = len(listed_problems) - doubts - remarks

@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import exit_when_interrupted
 from pipeline.safe_start import elsewhere
 
 SHEETS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
@@ -39,21 +38,20 @@ def mat(
         from recon.cameras.printed_mat import mat_mapping, standard_mat, tag_bits
         from reports.mat_sheet import mat_sheet_pdf
 
-    with exit_when_interrupted(""):
-        printed = standard_mat(tag_mm=9.0, gap_mm=2.5, margin_mm=8.5) if cherry else standard_mat()
-        bits = {tag: tag_bits(printed.dictionary, tag) for tag in printed.corners_mm}
-        title = f"drupe marker mat, {printed.tag_mm:g} mm tags"
-        sheet = mat_sheet_pdf(printed.corners_mm, bits, sheet_mm=SHEETS_MM[paper], title=title)
-        contents = {
-            folder / "mat.pdf": sheet,
-            folder / "mat.json": (json.dumps(mat_mapping(printed)) + "\n").encode(),
-        }
-        for path, content in contents.items():
-            # Photos need the mat.json of their own mat: drupe never replaces one of another mat.
-            require_new_or_ours(path, partial(_holds, content=content), f"this mat's {path.name}")
-        for path, content in contents.items():
-            put(path, content)
-            typer.echo(f"wrote {path}")
+    printed = standard_mat(tag_mm=9.0, gap_mm=2.5, margin_mm=8.5) if cherry else standard_mat()
+    bits = {tag: tag_bits(printed.dictionary, tag) for tag in printed.corners_mm}
+    title = f"drupe marker mat, {printed.tag_mm:g} mm tags"
+    sheet = mat_sheet_pdf(printed.corners_mm, bits, sheet_mm=SHEETS_MM[paper], title=title)
+    contents = {
+        folder / "mat.pdf": sheet,
+        folder / "mat.json": (json.dumps(mat_mapping(printed)) + "\n").encode(),
+    }
+    for path, content in contents.items():
+        # Photos need the mat.json of their own mat: drupe never replaces one of another mat.
+        require_new_or_ours(path, partial(_holds, content=content), f"this mat's {path.name}")
+    for path, content in contents.items():
+        put(path, content)
+        typer.echo(f"wrote {path}")
     typer.echo("Print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml.")
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import exit_when_interrupted, exit_when_refused, say_written
+from pipeline.commands.endings import exit_when_refused, say_written
 from pipeline.safe_start import elsewhere
 
 
@@ -67,7 +67,7 @@ def sensor(
         "E_MPa": None if gel_modulus_MPa is None else (gel_modulus_MPa,),
         "distance_mm": None if distance_mm is None else (distance_mm,),
     }
-    with exit_when_interrupted(""), exit_when_refused(picture or Path(name), TactileFailure):
+    with exit_when_refused(picture or Path(name), TactileFailure):
         said = write_sensor(
             name,
             out,

@@ -53,23 +53,12 @@ def _doubted(
         others = [holder for holder in holders.get(grasp.digest, ()) if holder[0] != record.fruit_id]
         if others:
             said.append(in_two_fruit(grasp.grasp, (_file(folder, *other) for other in others)))
-    marked = with_copies(record, said)
+    marked = record.with_doubts("copied", said)
     if not said or record.modulus is None:
         return marked
     sd_MPa = E_OF_ANOTHER_FRUIT * len(said) / len(used) * record.modulus.E_MPa
     modulus = record.modulus.widened(DOUBTED, sd_MPa, shared=False)
     return marked.model_copy(update={"modulus": modulus})
-
-
-def with_copies(record: FruitRecord, said: Sequence[str]) -> FruitRecord:
-    """The record with these doubts about copies in place of an earlier run's; its modulus stays."""
-    if tuple(said) == record.copied:
-        return record
-    doubts, warnings = (
-        (*said, *(sentence for sentence in before if sentence not in record.copied))
-        for before in (record.doubts, record.warnings)
-    )
-    return record.model_copy(update={"copied": tuple(said), "doubts": doubts, "warnings": warnings})
 
 
 def _file(folder: BatchFolder, fruit_id: str, grasp: str) -> str:

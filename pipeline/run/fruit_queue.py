@@ -7,9 +7,9 @@ from contextlib import suppress
 
 from rich.console import Console
 
-from pipeline.batch.layout import FruitFolder, Results
+from pipeline.batch.layout import FruitFolder
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.records import FruitRecord, read_record, write_changed, write_record
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.recording_owner import named_row
@@ -96,21 +96,6 @@ class FruitQueue:
         return fruit_task(self.run.batch, fruit_id, self.run.results, screen=self.run.options.screen)
 
 
-def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
-    """A graded fruit's record with these doubts in place of an earlier run's; written if changed."""
-    now = tuple(forced) if record.graded else ()
-    if now == record.forced:
-        return record
-    path = results.fruit(record.fruit_id).record
-    doubts, warnings = (
-        (*now, *(sentence for sentence in said if sentence not in record.forced))
-        for said in (record.doubts, record.warnings)
-    )
-    record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
-    write_record(path, record)
-    return record
-
-
 def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
     """Writes and returns the record of a fruit whose process wrote none; ignores a failure to write."""
     record = FruitRecord(
@@ -141,7 +126,5 @@ def kept_record(task: FruitTask, before: FruitRecord, batch_fruits: Collection[s
         return None
     if before.graded and task.screen and (before.screen is None or before.screen.again):
         return None
-    record = before.model_copy(update={"given": task.given})
-    if record != before:
-        write_record(task.results.record, record)
-    return record
+    now = before.model_copy(update={"given": task.given})
+    return write_changed(task.results.record, before, now)

@@ -15,7 +15,7 @@ from pipeline.batch.named_priors import named_files, own_files
 from pipeline.batch.opening import Batch, open_batch
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes, write_run
-from pipeline.batch.records import FruitRecord
+from pipeline.batch.records import FruitRecord, write_changed
 from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_batch
@@ -26,7 +26,7 @@ from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
-from pipeline.run.fruit_queue import FruitQueue, ended_record, with_forced
+from pipeline.run.fruit_queue import FruitQueue, ended_record
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, jobs_that_fit, share_MiB
 from pipeline.run.progress import BatchProgress, say
 from pipeline.run.reporting import ReportPace, outcomes_of, report, report_so_far
@@ -111,9 +111,10 @@ def grade_queue(
     if queue.todo:
         _work(queue, _engine(queue), ended, waiting)
     for fruit_id in (*queue.kept, *queue.todo):
-        queue.records[fruit_id] = with_forced(
-            queue.records[fruit_id], queue.forced(fruit_id), queue.run.results
-        )
+        before = queue.records[fruit_id]
+        now = before.with_doubts("forced", queue.forced(fruit_id) if before.graded else ())
+        path = queue.run.results.fruit(fruit_id).record
+        queue.records[fruit_id] = write_changed(path, before, now)
 
 
 def placed(

@@ -12,12 +12,12 @@ from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, Results, write_whole
 from pipeline.batch.opening import open_batch, unlisted_fruit
 from pipeline.batch.provenance import require_provenance
-from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.records import FruitRecord, read_record, write_changed
 from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
-from pipeline.fruit.same_recording import copies_doubted, with_copies
+from pipeline.fruit.same_recording import copies_doubted
 from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.batch_faults import batch_faults
 from pipeline.ranking.reference_ratio import ReferenceFinding, as_measured
@@ -142,13 +142,12 @@ def _keep_comparisons(
     measured: Sequence[FruitRecord], in_order: Sequence[FruitRecord], results: Results
 ) -> dict[str, FruitRecord]:
     """Writes the comparison with reference bodies and the copies of recordings into every record.json, beside
-    the measured values. Returns the records that changed.
+    the measured values. Returns the records as stored.
     """
     kept = {}
     for record, reported in zip(measured, in_order, strict=True):
-        if (now := with_copies(as_measured(record, reported), reported.copied)) != record:
-            kept[record.fruit_id] = now
-            write_record(results.fruit(record.fruit_id).record, now)
+        now = as_measured(record, reported).with_doubts("copied", reported.copied)
+        kept[record.fruit_id] = write_changed(results.fruit(record.fruit_id).record, record, now)
     return kept
 
 
@@ -209,11 +208,7 @@ def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, .
 def _as_noted_now(record: FruitRecord, row: FruitRow, path: Path) -> FruitRecord:
     """The record with the present notes and user's columns of fruits.csv; written if changed."""
     given = record.given.model_copy(update={"notes": row.notes, "columns": row.columns})
-    if given == record.given:
-        return record
-    record = record.model_copy(update={"given": given})
-    write_record(path, record)
-    return record
+    return write_changed(path, record, record.model_copy(update={"given": given}))
 
 
 def _times(said: Mapping[str, Any], results: Results) -> tuple[datetime, datetime]:

@@ -4,7 +4,6 @@ states what it expects.
 
 import shutil
 import struct
-import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -13,20 +12,26 @@ import cv2
 import numpy as np
 from file_damage import Broken, Change, with_bytes
 
-sys.path.append(str(Path(__file__).parents[1] / "pipeline"))
-import heic_files
-
+_FILES = Path(__file__).parents[1] / "data" / "heic"
+_HELD = {path.stem: path.read_bytes() for path in _FILES.iterdir()}
 QUADRANTS = "200 40 40, 40 180 60, 50 60 190, 230 220 200"
-"""Colours of tests/data/quadrants.heic, RGB to ten levels: top left and right, below left and right."""
+"""Colours of tests/data/heic/quadrants.heic, RGB to ten levels: top left and right, below left and right."""
 _MEAN = "mean 130 120 120"
+
+
+def _claimed(width: int, height: int) -> bytes:
+    """The quadrants in a container that promises another size."""
+    return _HELD["quadrants"].replace(struct.pack(">II", 96, 72), struct.pack(">II", width, height))
+
+
 _HEIC: dict[str, tuple[bytes, str]] = {
-    "8 bits": (heic_files.plain(), f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
-    "8 bits, 961 tiles": (heic_files.plain(rows=31, columns=31), f"1600 x 1200 px, {_MEAN}"),
-    "alpha": (heic_files.with_alpha(), f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
-    "10 bits": (heic_files.ten_bits(), f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
-    "cut short": (heic_files.plain()[:700], r"000\.jpg .* is damaged or was cut short"),
-    "another size claimed": (heic_files.claimed(640, 480), r"000\.jpg .* is damaged or was cut short"),
-    "20000 x 20000 claimed": (heic_files.claimed(20000, 20000), "20000 x 20000 pixels; expected at most"),
+    "8 bits": (_HELD["quadrants"], f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
+    "8 bits, 961 tiles": (_HELD["tiles"], f"1600 x 1200 px, {_MEAN}"),
+    "alpha": (_HELD["alpha"], f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
+    "10 bits": (_HELD["ten-bits"], f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
+    "cut short": (_HELD["ten-bits"][:700], r"000\.jpg .* is damaged or was cut short"),
+    "another size claimed": (_claimed(640, 480), r"000\.jpg .* is damaged or was cut short"),
+    "20000 x 20000 claimed": (_claimed(20000, 20000), "20000 x 20000 pixels; expected at most"),
 }  # fmt: skip
 _MARKERS = {"FF00": b"\xff\x00", "FF01": b"\xff\x01", "FFD0": b"\xff\xd0"}
 """What is no marker (a stuffed zero), and markers without a length (ITU-T T.81, table B.1)."""
@@ -93,7 +98,7 @@ _NAMED: dict[str, tuple[Change, str]] = {
     ),
     "a second copy of a JPEG": (_added("000.jpg-2", _jpeg), "000.jpg-2 is not used: drupe reads a JPEG only"),
     "a HEIC of another name": (
-        _added("000.jpg.live", heic_files.plain),
+        _added("000.jpg.live", lambda: _HELD["quadrants"]),
         r"000\.jpg\.live is not used: drupe reads a HEIC only .* rename it to \.heic",
     ),
     "a WebP picture": (_added("000.jpg.webp", lambda: _coded(".webp")), "drupe does not read WebP pictures"),

@@ -45,6 +45,13 @@ class Ran:
         assert len(lines) == 1, self.err
         return lines[0]
 
+    def last_line_error(self) -> str:
+        """The only line of drupe itself on standard error, which must be the last one."""
+        *stages, last = self.err.strip().splitlines()
+        assert last.startswith("drupe:"), self.err
+        assert not [line for line in stages if line.startswith(("drupe:", "Traceback"))], self.err
+        return last
+
 
 def drupe(*arguments: object) -> Ran:
     """Runs the command in this process, its fruit too (in_this_process)."""

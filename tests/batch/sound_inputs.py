@@ -1,13 +1,13 @@
 """A small sound batch, case and sources of `drupe convert`, in all of which nothing is wrong."""
 
 import json
-import sys
 from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
+from tiny_onnx import write_constant_model
 
 from recon.cameras.printed_mat import mat_mapping, standard_mat
 from recon.learned.fruit_model import SIDE_PX
@@ -16,9 +16,6 @@ from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
 from tactile.readers.recording import GelPad, Recording, write_recording
-
-sys.path.append(str(Path(__file__).parents[1] / "recon"))
-from tiny_onnx import write_constant_model
 
 ROOT = Path(__file__).resolve().parents[2]
 BATCH = """category = "mine.toml"

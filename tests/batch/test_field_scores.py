@@ -1,18 +1,16 @@
 """benchmarks/field_mistakes.py scores a mistake by the kind of what is said of it: causes are told apart."""
 
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from field_list import MISTAKES, naming
+from field_mistakes import E_range_MPa
 
 from pipeline.fruit.input_doubts import Doubt, PitKind
 from tactile.consistency.finding import Finding, FindingKind
 
 ROOT = Path(__file__).parents[2]
-sys.path.append(str(ROOT / "benchmarks"))
-from field_list import MISTAKES, naming  # noqa: E402
-from field_mistakes import E_range_MPa  # noqa: E402
 
 
 def named_by(kind, how="named", **more):

@@ -6,17 +6,14 @@ Forces are those of neo-Hookean spheroids round a rigid pit by axisymmetric fini
 
 import csv
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from compressed_solid import spheroid
 from scipy.interpolate import CubicSpline
 from typer.testing import CliRunner
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "fem"))
-from compressed_solid import spheroid
 
 from pipeline.cli import app
 from tactile.readers.recording import IndenterPad, read_recording, write_recording

@@ -1,15 +1,12 @@
 """`rig` in batch.toml: what the jaws give is taken out of every recording, and its spread is in E."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from sample_batches import drupe, first_fruit, graded_alone, ready_batch
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from series_springs import SeriesRig
 
 JAWS = SeriesRig(spring_N_per_mm=12.0, pads=40.0)

@@ -1,17 +1,6 @@
 """Labels and answers of made-up sealed cases, whose scores are known."""
 
-import sys
-from pathlib import Path
 from typing import Any
-
-SEALED = Path(__file__).parents[2] / "benchmarks" / "sealed"
-
-
-def put_on_path() -> None:
-    """Lets tests import the scripts of the proof as they import each other."""
-    for folder in (SEALED, SEALED.parent):
-        if str(folder) not in sys.path:
-            sys.path.append(str(folder))
 
 
 def label(

@@ -1,10 +1,7 @@
 """A small linear problem with known amounts: columns drawn at random, unit noise, two recordings or more."""
 
 import numpy as np
-from sealed_truths import put_on_path
-
-put_on_path()
-from reduced_case import ReducedCase  # noqa: E402
+from reduced_case import ReducedCase
 
 EFFECTS = ("skin", "graded_modulus", "clock_lag", "gripper_compliance")
 """Of the catalogue, each with one column here, none with a sign but the last."""

@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from sealed_truths import put_on_path
+from cramer_rao import amplitude_bounds
 from synthetic_problem import problem
-
-put_on_path()
-from cramer_rao import amplitude_bounds  # noqa: E402
 
 
 def information(case):

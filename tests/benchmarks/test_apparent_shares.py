@@ -6,12 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
-from sealed_truths import put_on_path
-from synthetic_problem import problem
-
-put_on_path()
-from apparent_shares import (  # noqa: E402
+from apparent_shares import (
     SCALES,
     ModelError,
     NullCase,
@@ -20,11 +15,13 @@ from apparent_shares import (  # noqa: E402
     model_error_of,
     null_cases,
 )
-from mismatch_scores import usual_misfit  # noqa: E402
+from mismatch_scores import usual_misfit
+from scipy.stats import multivariate_normal
+from synthetic_problem import problem
 
-from fem.mismatch.evidence import model_error  # noqa: E402
-from fem.mismatch.evidence.model_error import SIZE, ScalePrior  # noqa: E402
-from fem.mismatch.selection.decision import FREEDOM, MISFIT  # noqa: E402
+from fem.mismatch.evidence import model_error
+from fem.mismatch.evidence.model_error import SIZE, ScalePrior
+from fem.mismatch.selection.decision import FREEDOM, MISFIT
 
 ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "mismatch-bank.csv"
 

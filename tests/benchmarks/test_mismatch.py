@@ -2,28 +2,22 @@
 
 import hashlib
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from sealed_truths import put_on_path
+from baselines import sparse_regression, threshold_of
+from cramer_rao import amplitude_bounds
+from injected_mismatch import E_MPA, injected_case, on_pad
+from mismatch import RELATIVES_FILE, captured, relatives_in, score, scored_label
+from reduced_case import gains_of, store, stored
 from synthetic_problem import problem
 
-put_on_path()
-sys.path.append(str(Path(__file__).parents[1] / "fem"))
-from baselines import sparse_regression, threshold_of  # noqa: E402
-from cramer_rao import amplitude_bounds  # noqa: E402
-from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
-from mismatch import RELATIVES_FILE, captured, relatives_in, score, scored_label  # noqa: E402
-from reduced_case import gains_of, store, stored  # noqa: E402
-
-from fem.mismatch import procedure  # noqa: E402
-from fem.mismatch.catalogue import SPECS  # noqa: E402
-from fem.mismatch.effects import clock_lag, pit_size, sensor_gain, skin  # noqa: E402
-from fem.mismatch.evidence.grasp_equations import GraspEquations  # noqa: E402
-from fem.mismatch.model.marker_equations import DESIGN_EFFECT  # noqa: E402
-from fem.mismatch.result import NONE  # noqa: E402
+from fem.mismatch import procedure
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.effects import clock_lag, pit_size, sensor_gain, skin
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT
+from fem.mismatch.result import NONE
 
 EFFECTS = {
     "a-1": ("none", {}, "none"),

@@ -5,24 +5,21 @@ import re
 from collections import Counter
 from dataclasses import replace
 
+import mismatch_scores
 import numpy as np
 import pytest
+from clustered_share import clustered_interval
+from cramer_rao import amplitude_bounds, amplitude_of
+from ideal_confusion import drawn_amounts, ideal_names
 from labelled_round import E_MPa, labelled_round
-from sealed_truths import put_on_path
+from mismatch_scores import RELIABILITY_BINS, false_alarms, log_score, main, single_lines
+from psychometric import fitted_curve
+from reduced_case import store
+from scored_round import full_bounds, scored_round
+from sealed_report import reliability_bins
 
-put_on_path()
-import mismatch_scores  # noqa: E402
-from clustered_share import clustered_interval  # noqa: E402
-from cramer_rao import amplitude_bounds, amplitude_of  # noqa: E402
-from ideal_confusion import drawn_amounts, ideal_names  # noqa: E402
-from mismatch_scores import RELIABILITY_BINS, false_alarms, log_score, main, single_lines  # noqa: E402
-from psychometric import fitted_curve  # noqa: E402
-from reduced_case import store  # noqa: E402
-from scored_round import full_bounds, scored_round  # noqa: E402
-from sealed_report import reliability_bins  # noqa: E402
-
-from samples.mismatch.bank import added_effects  # noqa: E402
-from samples.mismatch.injected import AMPLITUDES  # noqa: E402
+from samples.mismatch.bank import added_effects
+from samples.mismatch.injected import AMPLITUDES
 
 HALF_CHI_SQUARE = 1.920729
 """Half the 95 % quantile of chi-square with one degree of freedom (tables)."""

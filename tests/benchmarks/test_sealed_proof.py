@@ -4,11 +4,9 @@ import json
 import subprocess
 
 import pytest
-from sealed_truths import label, put_on_path, row
-
-put_on_path()
-import sealed_proof  # noqa: E402
-from sealing import sealed  # noqa: E402
+import sealed_proof
+from sealed_truths import label, row
+from sealing import sealed
 
 SALT = "7c" * 32
 LABELS = {

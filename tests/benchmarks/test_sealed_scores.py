@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from sealed_truths import label, put_on_path, row
-
-put_on_path()
-from psychometric import fitted_curve  # noqa: E402
-from sealed_report import report  # noqa: E402
-from sealed_scores import interval, parameter_rows, scored  # noqa: E402
+from psychometric import fitted_curve
+from sealed_report import report
+from sealed_scores import interval, parameter_rows, scored
+from sealed_truths import label, row
 
 SKIN = {"Et_N_per_mm": {"value": 1.1, "sd": 0.1, "interval": [0.94, 1.26]}}
 CASES = {

@@ -4,10 +4,8 @@ import hashlib
 import subprocess
 
 import pytest
-from sealed_truths import label, put_on_path
-
-put_on_path()
-from sealing import broken_seals, canonical, order_of_commits, read_salt, sealed  # noqa: E402
+from sealed_truths import label
+from sealing import broken_seals, canonical, order_of_commits, read_salt, sealed
 
 SALT = "3f" * 32
 LABELS = {"case-001": label("single", "skin", Et_N_per_mm=1.25), "case-002": label("sound", "none")}

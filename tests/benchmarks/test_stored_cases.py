@@ -9,17 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealed_truths import put_on_path
+from reduced_case import OF_MODEL_ERROR, ReducedCase, gains_of, store, stored
 from synthetic_problem import EFFECTS, problem
 
-put_on_path()
-from reduced_case import OF_MODEL_ERROR, ReducedCase, gains_of, store, stored  # noqa: E402
-
-from fem.mismatch.evidence.model_error import model_error_shares  # noqa: E402
-from fem.mismatch.procedure import detected  # noqa: E402
-from fem.mismatch.result import NONE, UNKNOWN  # noqa: E402
-from fem.mismatch.selection.decision import probabilities, verdict_of  # noqa: E402
-from fem.mismatch.selection.grasp_explanations import all_explanations  # noqa: E402
+from fem.mismatch.evidence.model_error import model_error_shares
+from fem.mismatch.procedure import detected
+from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection.decision import probabilities, verdict_of
+from fem.mismatch.selection.grasp_explanations import all_explanations
 
 CASES = {path.stem: path for path in sorted((Path(__file__).parent / "cases").glob("*.npz"))}
 REPLAYED = {"abs": 1e-3, "rel": 1e-4}

@@ -1,37 +1,25 @@
 """A case, a batch of one fruit, and `drupe explain` with another finder than its own."""
 
 import shutil
-import sys
 from functools import partial
 
 import pytest
-from explain_runs import DATA, GRADED, NO_MESH, SETTINGS, Ran, change, stronger
+import sample_batches
+from explain_runs import DATA, GRADED, NO_MESH, SETTINGS, change, stronger
 from fake_explanation import fake_explanation
 from small_batches import batch_of_nectarines
 from threadpoolctl import threadpool_info
 
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
-from pipeline.cli import main
 from reports import explain_page
 from reports.skin_picture import map_picture
 
 
 @pytest.fixture
-def drupe(monkeypatch, capsys):
+def drupe():
     """Runs the command in this process."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["drupe", *map(str, arguments)])
-        status = 0
-        try:
-            main()
-        except SystemExit as ended:
-            status = ended.code or 0
-        said = capsys.readouterr()
-        return Ran(status, said.out, said.err)
-
-    return run
+    return sample_batches.drupe
 
 
 @pytest.fixture

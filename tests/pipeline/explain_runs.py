@@ -1,6 +1,5 @@
 """`drupe explain` run in the test's process, on a case whose finder is not there."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,21 +19,6 @@ mesh_sd_mm = 0.12
 NO_MESH = SimpleNamespace(tets=(), nodes_mm=())
 """Of no use to a finder that is not there; meshing is tested elsewhere."""
 GRADED = GradedCase(modulus=Modulus(value=0.5, sd=0.01))
-
-
-@dataclass(frozen=True)
-class Ran:
-    status: int
-    out: str
-    err: str
-
-    def one_line(self):
-        """What is said on standard error after the stages, which must be one line and no traceback."""
-        assert "Traceback" not in self.err
-        lines = [line for line in self.err.strip().splitlines() if line.startswith("drupe:")]
-        assert len(lines) == 1, self.err
-        assert self.err.strip().endswith(lines[0])
-        return lines[0]
 
 
 def change(path, edit):

@@ -1,16 +1,13 @@
 """`drupe calibrate --rigid` and `drupe convert --rig`: a rig measured by closed forms is taken off again."""
 
 import json
-import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from small_batches import run
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from series_springs import SeriesRig, press
+from small_batches import run
 
 from tactile.readers.recording import GelPad, Recording, write_recording
 from tactile.readers.rig_file import read_rig

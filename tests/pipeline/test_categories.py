@@ -1,12 +1,11 @@
 """A category is a file: a shipped one by name, the user's own by path; what it leaves, the batch must say."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from in_this_process import InThisProcess
 from rich.console import Console
 
 import pipeline.run.grading
@@ -21,9 +20,6 @@ from pipeline.run.grading import grade
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 from recon.triangle_mesh import volume_mm3
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "batch"))
-from in_this_process import InThisProcess
 
 DIRECTIONS, FACES = ball(4)
 PHANTOM = 'category = "phantom"\npoisson_ratio = 0.47\n'

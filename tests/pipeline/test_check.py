@@ -2,13 +2,12 @@
 
 import re
 import shutil
-import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from small_batches import DATA, batch_of_nectarines, run, times_force
+from tiny_onnx import write_constant_model
 
 from pipeline.batch.opening import open_batch
 from pipeline.run import checking as checking
@@ -20,9 +19,6 @@ from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
 from tactile.readers.recording import read_recording
-
-sys.path.append(str(Path(__file__).parents[1] / "recon"))
-from tiny_onnx import write_constant_model
 
 
 @pytest.fixture

@@ -1,13 +1,10 @@
 """`drupe convert` writes a recording that the readers take, or nothing at all and says why."""
 
-import sys
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from raw_folder import write_raw
 from small_batches import contents
 from small_batches import run as command

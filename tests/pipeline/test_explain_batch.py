@@ -37,8 +37,8 @@ def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, 
 
 
 def test_a_batch_needs_to_be_told_which_fruit(drupe, finder, batch):
-    assert "--fruit (N01)" in drupe("explain", batch).one_line()
-    unknown = drupe("explain", batch, "--fruit", "N1").one_line()
+    assert "--fruit (N01)" in drupe("explain", batch).last_line_error()
+    unknown = drupe("explain", batch, "--fruit", "N1").last_line_error()
     assert unknown.endswith('has no fruit "N1"; did you mean "N01"? known fruit: N01.')
 
 
@@ -54,7 +54,7 @@ def test_of_many_fruit_the_nearest_are_named_and_the_others_counted():
 def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
     with (batch / "batch.toml").open("a") as file:
         file.write('[[mismatch]]\neffect = "pit_size"\nparameters = { scale = 0.8 }\nfruits = ["N1"]\n')
-    line = drupe("grade", batch).one_line()
+    line = drupe("grade", batch).last_line_error()
     assert 'pit_size names fruit "N1", which is not in fruits.csv; did you mean "N01"?' in line
 
 
@@ -99,7 +99,7 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, handed, t
     assert len(handed["trace"].parts) == 2
     assert handed["trace"].parts[1].travel_mm[-1] == 3.0
     ball(folder / "second.h5", "flat")
-    said = drupe("explain", folder).one_line()
+    said = drupe("explain", folder).last_line_error()
     assert (
         "second.h5: has the geometry flat punch of radius 5 mm, but press.h5 has ball of radius 5 mm" in said
     )

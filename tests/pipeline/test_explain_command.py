@@ -175,7 +175,7 @@ def test_a_bad_case_is_refused_in_one_line(drupe, finder, case, tmp_path, name):
     spoil(case)
     ran = drupe("explain", case, "--json", tmp_path / "a.json")
     assert ran.status == status, ran.err
-    line = ran.one_line()
+    line = ran.last_line_error()
     for words in said:
         assert words in line, line
     assert not (tmp_path / "a.json").exists()
@@ -193,7 +193,7 @@ def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, 
     ):
         ran = drupe("explain", *arguments)
         assert ran.status == 2
-        assert words in ran.one_line()
+        assert words in ran.last_line_error()
 
 
 def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):

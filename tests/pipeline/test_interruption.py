@@ -1,5 +1,7 @@
 """What ends a command while libraries are loaded, and while it works."""
 
+from unittest import mock
+
 import pytest
 from small_batches import python
 
@@ -64,6 +66,12 @@ pipeline.start.main()
 @pytest.mark.parametrize("module", ["gc", "pipeline.lack_of_memory", "typer", "pipeline.cli", "rich"])
 def test_an_early_ctrl_c_ends_the_command_without_a_traceback(module):
     assert _ended(WHEN.format(module=module)) == (INTERRUPTED, "", "drupe: interrupted\n")
+
+
+def test_a_command_at_work_says_that_it_was_interrupted(drupe):
+    with mock.patch("pipeline.history.lot_quality.sampling_plan", side_effect=KeyboardInterrupt):
+        ran = drupe("plan")
+    assert (ran.status, ran.out, ran.err) == (INTERRUPTED, "", "drupe: interrupted\n")
 
 
 def test_an_ignored_ctrl_c_stays_ignored():

@@ -38,15 +38,6 @@ def test_what_was_read_is_not_read_again(added, monkeypatch):
     assert lines.new() == ["second"]
 
 
-def test_of_much_the_last_is_read_and_the_file_is_emptied(added):
-    add, lines = added
-    add(b"x" * 3 * MOST_BYTES + b"\nlast\n")
-    assert lines.new()[-1] == "last"
-    assert lines.path.stat().st_size == 0
-    add(b"next\n")
-    assert lines.new() == ["next"]
-
-
 def test_a_line_without_end_does_not_stay(added):
     add, lines = added
     for _ in range(8):

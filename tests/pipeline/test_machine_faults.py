@@ -15,7 +15,6 @@ from small_batches import python
 from pipeline import cli
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.scratch import PREFIX, scratch
 from pipeline.files.free_memory import free_memory_MiB
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
@@ -208,19 +207,6 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 200.0)
     with pytest.raises(BatchRefused, match=r"has 200 MiB of free memory, but one fruit needs about 1500 MiB"):
         grading._processes([photos], four, console)
-
-
-def test_a_folder_of_a_file_system_without_locks_is_written_into(tmp_path, monkeypatch):
-    def no_locks(_handle, _operation):
-        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
-
-    with results_lock(tmp_path):
-        assert is_held(tmp_path)
-        with pytest.raises(BatchRefused, match="another run is writing here"), results_lock(tmp_path):
-            pass
-    monkeypatch.setattr(fcntl, "flock", no_locks)
-    with results_lock(tmp_path):
-        assert not is_held(tmp_path)
 
 
 def test_a_process_whose_parent_was_gone_before_it_began_ends(monkeypatch):

@@ -5,7 +5,6 @@ from pathlib import Path
 from unittest import mock
 
 import cv2
-import heic_files
 import numpy as np
 import pytest
 from small_batches import empty_batch
@@ -19,6 +18,7 @@ from pipeline.fruit.photographed import KeptMesh
 from pipeline.run.checking import check
 from recon.silhouettes.hull import ball
 
+HEIC = Path(__file__).resolve().parents[1] / "data" / "heic" / "ten-bits.heic"
 SAMPLE = Path(__file__).resolve().parents[2] / "samples" / "data" / "nectarines"
 
 
@@ -97,7 +97,7 @@ def test_photos_of_one_side_are_refused_with_where_to_stand(batch):
 
 
 def test_an_unreadable_heic_is_named_in_a_quick_check_too(batch):
-    (batch / "fruits" / "N01" / "photos" / "100.HEIC").write_bytes(heic_files.plain()[:700])
+    (batch / "fruits" / "N01" / "photos" / "100.HEIC").write_bytes(HEIC.read_bytes()[:700])
     ((sentence, remark),) = said(batch, quick=True)
     assert sentence.startswith("fruits/N01/photos/100.HEIC: 100.HEIC in ")
     assert "is damaged or was cut short" in sentence

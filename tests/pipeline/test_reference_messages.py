@@ -1,13 +1,14 @@
 """`drupe check`, `convert` and `grade` say that a reference shows a contact imprint, and what to do."""
 
 import shutil
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+from drawn_gel import drawn, grid
+from raw_folder import CENTRE, FRAMES, replaced, write_picture, write_raw
+from small_batches import DATA, batch_of_nectarines
 
 from pipeline.fruit import raw_grasps
 from pipeline.fruit.placed_grasp import Checked, place_grasp
@@ -17,11 +18,6 @@ from pipeline.run.checking import check
 from recon.surface.mesh_file import read_mesh
 from tactile.readers.recording import read_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
-from drawn_gel import drawn, grid
-from raw_folder import CENTRE, FRAMES, replaced, write_picture, write_raw
-from small_batches import DATA, batch_of_nectarines
 
 ADVICE = "reference = ... in grasp.toml"
 

@@ -2,20 +2,17 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from mat_scene import ring
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from small_batches import run
-
-sys.path += [str(Path(__file__).parent.parent / room) for room in ("tactile", "recon")]
-from mat_scene import ring
 from simulated_robot import BASE_FROM_MAT, FLANGE_FROM_CAMERA, noisy, pose
+from small_batches import run
 
 from pipeline.fruit.placed_grasp import place_grasp
 from recon.cameras.camera import Camera

@@ -1,14 +1,11 @@
 """`drupe sensor`: sensors by name, their descriptions, and what their spread does."""
 
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from small_batches import run
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from test_camera_from_dots import dots, eye, picture
 
 from fem.estimation.joint_inference import FruitModulus

@@ -62,12 +62,6 @@ def test_another_shape_or_type_a_field_too_few_or_too_many_is_refused(wrong):
         Part(**wrong)
 
 
-def test_a_record_whose_array_is_missing_is_none():
-    text, arrays = whole().stored()
-    with pytest.raises(ValueError, match="missing"):
-        Whole.restored(text, {name: a for name, a in arrays.items() if name != "faces"})
-
-
 def grasp_model(rng, markers=3):
     half = rng.normal(size=(3 * markers, 3 * markers))
     return GraspModel(

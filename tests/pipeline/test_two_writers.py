@@ -88,6 +88,8 @@ def test_without_locks_or_in_place_of_one_a_folder_it_is_written_all_the_same(tm
         without.setattr(fcntl, "flock", none)
         FruitResults(tmp_path).claim()
         write_whole(tmp_path / "record.json", "first")
+        with results_lock(tmp_path):
+            assert not is_held(tmp_path)
     (tmp_path / LIST_LOCK).unlink()
     (tmp_path / LIST_LOCK).mkdir()
     write_whole(tmp_path / "record.json", "second")

@@ -2,15 +2,11 @@
 
 import math
 import shutil
-import sys
 from dataclasses import replace
-from pathlib import Path
 from unittest import mock
 
 import h5py
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from explain_runs import NO_MESH
 from graded_results import graded
 from raw_folder import write_raw

@@ -97,7 +97,7 @@ def test_the_decoder_itself_refuses_more_pixels_than_a_whole_photo_has(room):
     assert photos.MOST_WHOLE_PIXELS == 60_000_000
 
 
-HEIC = Path(__file__).parents[1] / "data" / "quadrants.heic"
+HEIC = Path(__file__).parents[1] / "data" / "heic" / "quadrants.heic"
 
 
 @pytest.fixture

@@ -1,16 +1,12 @@
 """The page of a mismatch: verdict first, everything inside one file, hostile text escaped, nothing lost."""
 
 import re
-import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
 from fake_explanation import fake_explanation
 
 from fem.mismatch.result import Candidate, FruitMap, ModulusCell

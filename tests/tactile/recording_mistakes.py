@@ -1,11 +1,13 @@
 """Mistakes of the field (benchmarks/field_list.py), made on a sound recording; and a pad by a slab's law."""
 
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from field_fruit import Fruit
+from field_list import MISTAKES, Mistake, naming
+from field_mistakes import checked
 from injected_grasp import frames_of, gel_pad, with_pads
 
 from pipeline.fruit.input_doubts import Doubt
@@ -19,11 +21,6 @@ from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.readers.recording import read_recording
 from tactile.sensors import bonded_stiffness
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from field_fruit import Fruit
-from field_list import MISTAKES, Mistake, naming
-from field_mistakes import checked
 
 __all__ = ["MISTAKES", "naming"]
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,20 +1,16 @@
 """What a logger did is put right, and what a specimen did stays; long traces are thinned."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_sound import SOUND
+from drawn_traces import FAULTS
+from trace_faults import outcome, read
 
 from tactile.preparation.logged_trace import LoggedTrace, prepare, written_runs
 from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import BOUND, MOST_FRAMES, thin
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from drawn_sound import SOUND
-from drawn_traces import FAULTS
-from trace_faults import outcome, read
 
 
 def logged(travel, force):

@@ -1,8 +1,6 @@
 """A watched batch whose fruit take no time to be graded."""
 
 import io
-import sys
-from pathlib import Path
 
 import pytest
 from graded_results import work_at_once
@@ -12,8 +10,6 @@ from watched_batch import HEAD, fake_record
 from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
 from pipeline.watch.watching import BatchWatch, WatchOptions
-
-sys.path.append(str(Path(__file__).parents[2] / "reports"))  # its browser.py
 
 
 @pytest.fixture

@@ -73,7 +73,7 @@ def test_no_address_is_given_where_watching_cannot_begin(batch, drupe):
 def refused(drupe, place, said):
     ran = drupe("watch", place)
     assert (ran.status, ran.out) == (2, "")
-    assert said in ran.one_line()
+    assert said in ran.last_line_error()
 
 
 def test_fruit_that_lack_files_are_named_once_they_are_at_rest(batch, watched):
