@@ -7,14 +7,9 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("fem/estimation", "fem/mesh", "pipeline", "recon", "tactile")
-ENGLISH_ALONE = (
-    "pipeline/commands/explain.py", "pipeline/diagnosis",
-    "pipeline/history/migrations", "pipeline/start.py",
-)  # fmt: skip
-"""The answers of `drupe explain`, statements of SQL, and the words of a computer
-on which drupe cannot start.
-"""
+ROOMS = ("fem", "pipeline", "recon", "tactile")
+ENGLISH_ALONE = ("pipeline/history/migrations", "pipeline/start.py")
+"""Statements of SQL, and the words of a computer on which drupe cannot start."""
 NO_SENTENCE = (
     "#", "@alias", "text/", "drupe: internal error", "failed to map segment", "The MLE may be",
     "The random effects", "The Hessian matrix",
