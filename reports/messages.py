@@ -23,7 +23,7 @@ from reports.language import ENGLISH, decimals, language_in_force
 
 _FIELD = re.compile(r"(?:\{\d\})+")
 """A placeholder. Adjacent ones count as one, because nothing marks where the first ends."""
-_FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+\.\d+)?")
+_FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+(?:\.\d+)?)?%?")
 MOST_NAME = 300
 """Most characters before a colon that may name a recording or a file."""
 SENTENCES: Mapping[type, tuple[str, ...]] = {

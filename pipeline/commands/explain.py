@@ -14,7 +14,6 @@ from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import LanguageOption, chosen_language
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
-from reports.language import of_environment
 
 MOST_EXPLAINING = 4
 """Default limit of jobs: a fruit seldom has more recordings, and each job needs memory."""
@@ -111,6 +110,6 @@ def explain(
         typer.echo(f"drupe: {case}: {reason}", err=True)
         raise typer.Exit(UNUSABLE) from None
     written = [path for path in (json, html) if path]
-    print_explanation(explanation, written, console=Console(), language=of_environment())
+    print_explanation(explanation, written, console=Console())
     if explanation.doubts:
         raise typer.Exit(DOUBTED)

@@ -9,7 +9,7 @@ from rich.table import Table
 from fem.mismatch.selection.decision import DETECTION_P
 from reports.effect_words import component_in_words, explain_verdict, when_in_words, where_in_words
 from reports.explain_entries import ExplainEntry, Record
-from reports.language import ENGLISH, spoken
+from reports.language import of_environment, spoken
 from reports.messages import in_language, message
 from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
@@ -19,14 +19,13 @@ SHOWN = 5
 """Explanations on the terminal, set by hand to fit a screen; the JSON has all."""
 
 
-def print_explanation(
-    entry: ExplainEntry, written: list[Path], *, console: Console, language: str = ENGLISH
-) -> None:
+def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Console) -> None:
     """The verdict in a sentence, the ranking, E before and after, held-out grasps, what to record next.
 
-    The entry's sentences are in `language`. pipeline.terminal_language translates the lines around them.
+    The entry's sentences are in the locale's language; pipeline.terminal_language translates the lines around
+    them.
     """
-    with spoken(language):
+    with spoken(of_environment()):
         _print(in_language(entry), written, console=console)
 
 
