@@ -144,8 +144,11 @@ def write_recording(path: str | Path, held: Recording) -> None:
     """Writes a recording to `path` (.h5 or .hdf5), for `drupe grade` and `read_recording`.
 
     The file stores displacement and force in single precision. Raises DrupeError for another suffix, if
-    `path` exists (drupe never overwrites your file), or if drupe cannot write there.
+    `path` exists (drupe never overwrites your file), if drupe cannot write there, or if `held` is no
+    recording.
     """
+    if not isinstance(held, Recording):
+        raise DrupeError(f"held: found {type(held).__name__}, expected what `recording` returns")
     path = Path(path)
     if path.suffix.lower() not in WRITTEN:
         raise DrupeError(f'{path}: found the ending "{path.suffix}", expected {" or ".join(WRITTEN)}')
