@@ -27,6 +27,7 @@ from tactile.sensors import Sensor, gel_constants
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
 OF_A_PAD = ("rest_mm", "displacement_mm", "force_N", "pose")
 PADS = {1: ("tip",), 2: ("left", "right")}
+"""Names of the pads by their number: a press has 1, a grasp 2."""
 COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
 
 
