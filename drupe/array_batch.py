@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -121,7 +122,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
             return value.tolist()
-        if isinstance(value, Path):
+        if isinstance(value, Path | date):
             return str(value)
         raise DrupeError(f"settings: found {value!r}, expected a number, text, list or table")
 

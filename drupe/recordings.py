@@ -11,12 +11,11 @@ from drupe.refusal import DrupeError, refusals
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
 from tactile.jaw_poses import jaw_poses as poses_of_jaws
+from tactile.readers.field_tables import PADS
 from tactile.readers.recording import GelPad, Recording
 from tactile.readers.recording import read_recording as read_h5
 from tactile.readers.recording import write_recording as write_h5
 
-PADS = {1: ("tip",), 2: ("left", "right")}
-"""Names of the pads by their number: a press has 1, a grasp 2."""
 WRITTEN = (".h5", ".hdf5")
 """Suffixes of written recordings. MATLAB's `load` cannot open HDF5 in a .mat file without MATLAB's header."""
 
@@ -144,8 +143,11 @@ def write_recording(path: str | Path, held: Recording) -> None:
     """Writes a recording to `path` (.h5 or .hdf5), for `drupe grade` and `read_recording`.
 
     The file stores displacement and force in single precision. Raises DrupeError for another suffix, if
-    `path` exists (drupe never overwrites your file), or if drupe cannot write there.
+    `path` exists (drupe never overwrites your file), if drupe cannot write there, or if `held` is no
+    recording.
     """
+    if not isinstance(held, Recording):
+        raise DrupeError(f"held: found {type(held).__name__}, expected what `recording` returns")
     path = Path(path)
     if path.suffix.lower() not in WRITTEN:
         raise DrupeError(f'{path}: found the ending "{path.suffix}", expected {" or ".join(WRITTEN)}')

@@ -1,8 +1,10 @@
-"""The verdict of the mismatch finder in words for staff."""
+"""The verdict of the mismatch finder in words for staff, in the language in force."""
 
 from __future__ import annotations
 
 from reports.explain_entries import EffectEntry, ExplainEntry, Record
+from reports.language import decimals, say
+from reports.messages import message
 from reports.words import NO_BREAK, NOTHING, UNEXPLAINED, effect_name, percent, with_sd
 
 VERDICTS: dict[str, EffectEntry] = {
@@ -24,6 +26,20 @@ VERDICTS: dict[str, EffectEntry] = {
 LISTED = {NOTHING: "no mismatch", UNEXPLAINED: "an unknown effect"}
 """Both verdicts as items in a list of explanations that the recordings cannot distinguish."""
 
+REGIONS = {"both": "at both pads", "flesh": "in the flesh"}
+PHASES = {
+    "load": "while it is squeezed",
+    "hold": "while it is held",
+    "unload": "while it is let go",
+    "all": "all the time",
+}
+COMPONENTS = {
+    "normal": "straight into the skin",
+    "shear": "along the skin",
+    "both": "into and along the skin",
+}
+"""Phrases for the region, the phase and the component of an answer."""
+
 
 def parts(effect: str) -> tuple[str, ...]:
     """The single effects of a name, which + joins."""
@@ -32,55 +48,86 @@ def parts(effect: str) -> tuple[str, ...]:
 
 def words_of(name: str, entry: ExplainEntry) -> EffectEntry | None:
     """Words of a single effect, or of a verdict without effect; None if the entry lacks them."""
-    return VERDICTS.get(name) or entry.effects.get(name)
+    known = VERDICTS.get(name)
+    if known is None:
+        return entry.effects.get(name)
+    return EffectEntry(**{field: say(text) for field, text in vars(known).items()})
 
 
 def in_short(effect: str, entry: ExplainEntry) -> str:
     """The short words of an effect, which complete a sentence; for a pair, of both effects."""
     known = [(words_of(part, entry), part) for part in parts(effect)]
-    return ", and ".join(effect_name(part) if words is None else words.short for words, part in known)
+    each = [effect_name(part) if words is None else words.short for words, part in known]
+    return say(", and ").join(each)
 
 
 def explain_verdict(entry: ExplainEntry) -> str:
     """The answer in one to three sentences, and one more on the error that the ± of E excludes."""
     if entry.withheld is not None or not entry.scale_sd:
         return _answer(entry)
-    return f"{_answer(entry)} Each ± excludes the sensor's scales, {100 * entry.scale_sd:.1f} % of E."
+    share = decimals(f"{100 * entry.scale_sd:.1f}")
+    scales = say("Each ± excludes the sensor's scales, {share} % of E.", share=share)
+    return f"{_answer(entry)} {scales}"
 
 
 def _answer(entry: ExplainEntry) -> str:
     named = entry.verdict
     if named == (NOTHING,):
-        spread = f"E = {_E(entry.after)}; its error bar includes effects too small to detect"
         if len(entry.grasps) == 1:
-            said = "drupe found no mismatch, but one recording cannot show most effects"
-            return f"{said} ({spread})."
-        return f"drupe found no mismatch: the recordings agree with the model within noise ({spread})."
+            return say(
+                "drupe found no mismatch, but one recording cannot show most effects "
+                "(E = {modulus}; its error bar includes effects too small to detect).",
+                modulus=_E(entry.after),
+            )
+        return say(
+            "drupe found no mismatch: the recordings agree with the model within noise "
+            "(E = {modulus}; its error bar includes effects too small to detect).",
+            modulus=_E(entry.after),
+        )
     if entry.withheld is not None:
-        either = " or ".join(LISTED.get(effect, effect_name(effect)) for effect in by_rank(entry))
-        what = (
-            f"The recording differs from the model, and no known effect explains the difference "
-            f"({_chance(entry)})"
-            if named == (UNEXPLAINED,)
-            else f"This recording cannot distinguish {either}"
+        why = entry.withheld
+        if named == (UNEXPLAINED,):
+            return say(
+                "The recording differs from the model, and no known effect explains the difference "
+                "({chance}); drupe gives no E: {why}.",
+                chance=_chance(entry),
+                why=why,
+            )
+        return say(
+            "This recording cannot distinguish {effects}; drupe gives no E: {why}.",
+            effects=say(" or ").join(_listed(entry)),
+            why=why,
         )
-        return f"{what}; drupe gives no E: {entry.withheld}."
     if named == (UNEXPLAINED,):
-        return (
-            f"The recordings differ from the model, and no known effect explains the difference "
-            f"({_chance(entry)}). "
-            f"Do not trust E = {_E(entry.before)}. "
-            f"With the error that such physics causes elsewhere, E is {_E(entry.after)}."
+        return say(
+            "The recordings differ from the model, and no known effect explains the difference ({chance}). "
+            "Do not trust E = {before}. With the error that such physics causes elsewhere, E is {after}.",
+            chance=_chance(entry),
+            before=_E(entry.before),
+            after=_E(entry.after),
         )
-    moved = f"E changes from {_E(entry.before)} to {_E(entry.after)}"
+    moved = say(
+        "Averaged over all explanations, E changes from {before} to {after}.",
+        before=_E(entry.before),
+        after=_E(entry.after),
+    )
     if len(named) > 1:
-        names = [LISTED.get(effect, effect_name(effect)) for effect in by_rank(entry)]
-        listed = f"{', '.join(names[:-1])} or {names[-1]}"
-        return f"These recordings cannot distinguish {listed}. Averaged over all explanations, {moved}."
+        *names, last = _listed(entry)
+        listed = f"{', '.join(names)}{say(' or ')}{last}"
+        return f"{say('These recordings cannot distinguish {effects}.', effects=listed)} {moved}"
     first = in_short(named[0], entry)
     sure = next((candidate.probability for candidate in entry.ranking if candidate.effect == named[0]), None)
-    certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
-    return f"{first[:1].upper()}{first[1:]}{certainty}. Averaged over all explanations, {moved}."
+    certainty = (
+        ""
+        if sure is None
+        else f" ({effect_name(named[0])}, {say('probability {share}', share=percent(sure))})"
+    )
+    return f"{first[:1].upper()}{first[1:]}{certainty}. {moved}"
+
+
+def _listed(entry: ExplainEntry) -> list[str]:
+    """The verdict's names as items of a list, most probable first."""
+    return [say(LISTED[name]) if name in LISTED else effect_name(name) for name in by_rank(entry)]
 
 
 def by_rank(entry: ExplainEntry) -> tuple[str, ...]:
@@ -91,35 +138,34 @@ def by_rank(entry: ExplainEntry) -> tuple[str, ...]:
 
 def where_in_words(entry: ExplainEntry) -> str:
     """The region as a phrase, with centre and size of a spot."""
-    region = {"both": "at both pads", "flesh": "in the flesh"}.get(
-        entry.where.region, f"at the {entry.where.region}"
-    )
-    if entry.where.region.startswith("pad "):
-        region = f"at the {entry.where.region.removeprefix('pad ')} pad"
+    name = entry.where.region
+    if name in REGIONS:
+        region = say(REGIONS[name])
+    elif name.startswith("pad "):
+        region = say("at the {pad} pad", pad=message(name.removeprefix("pad ")))
+    else:
+        region = say("at the {place}", place=message(name))
     if entry.where.centre_mm is None:
         return region
-    at = ", ".join(f"{x:.1f}" for x in entry.where.centre_mm)
-    size = f", about {2 * entry.where.radius_mm:.0f} mm wide" if entry.where.radius_mm is not None else ""
-    return f"{region}, at ({at}) mm{size}"
+    at = "; ".join(decimals(f"{x:.1f}") for x in entry.where.centre_mm)
+    if entry.where.radius_mm is None:
+        return say("{region}, at ({place}) mm", region=region, place=at)
+    return say(
+        "{region}, at ({place}) mm, about {width} mm wide",
+        region=region,
+        place=at,
+        width=f"{2 * entry.where.radius_mm:.0f}",
+    )
 
 
 def when_in_words(entry: ExplainEntry) -> str:
     """The phase of the grasp in which the effect shows."""
-    return {
-        "load": "while it is squeezed",
-        "hold": "while it is held",
-        "unload": "while it is let go",
-        "all": "all the time",
-    }.get(entry.when, entry.when)
+    return say(PHASES[entry.when]) if entry.when in PHASES else entry.when
 
 
 def component_in_words(entry: ExplainEntry) -> str:
     """The component that shows the effect."""
-    return {
-        "normal": "straight into the skin",
-        "shear": "along the skin",
-        "both": "into and along the skin",
-    }.get(entry.component, entry.component)
+    return say(COMPONENTS[entry.component]) if entry.component in COMPONENTS else entry.component
 
 
 def _E(modulus: Record) -> str:
@@ -127,4 +173,5 @@ def _E(modulus: Record) -> str:
 
 
 def _chance(entry: ExplainEntry) -> str:
-    return f"p = {entry.p_value:.2g}" + (", nominal" if entry.p_nominal else "")
+    p_value = decimals(f"p = {entry.p_value:.2g}")
+    return f"{p_value}, {say('nominal')}" if entry.p_nominal else p_value

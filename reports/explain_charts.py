@@ -10,6 +10,8 @@ import numpy as np
 
 from reports.charts import Chart, band, layer, padded, rounded, rules
 from reports.explain_entries import ExplainEntry, Record
+from reports.language import say
+from reports.messages import message
 from reports.words import effect_name, number, percent
 
 ALL_PADS = "all"
@@ -17,7 +19,7 @@ ALL_PADS = "all"
 _MARKS = ("circle", "square", "triangle", "diamond")
 MOST_BARS = 8
 """Most explanations with a bar (set by hand): the bars of further ones would have no visible length."""
-WITHOUT: Chart = {"colour": "before", "dashed": True, "name": "without"}
+WITHOUT: Chart = {"colour": "before", "dashed": True}
 WITH: Chart = {"colour": "pad0"}
 """Lines of the model without the effect and with it."""
 Bar = tuple[str, float, str, str]
@@ -42,9 +44,9 @@ def rms_bars(heldout: Record, *, with_effect: bool) -> list[Bar]:
 
     `with_effect`: whether an effect was found; otherwise the model has one bar.
     """
-    model = [("with the effect" if with_effect else "model", heldout.rms_after, "named")]
-    without = [("without", heldout.rms_before, "before")] if with_effect else []
-    rows = [*without, *model, ("noise alone", heldout.noise_rms, "noise")]
+    model = [(say("with the effect") if with_effect else say("model"), heldout.rms_after, "named")]
+    without = [(say("without"), heldout.rms_before, "before")] if with_effect else []
+    rows = [*without, *model, (say("noise alone"), heldout.noise_rms, "noise")]
     longest = max(heldout.rms_before, heldout.rms_after, heldout.noise_rms, 1e-12)
     return [(words, value / longest, number(value), kind) for words, value, kind in rows]
 
@@ -54,9 +56,9 @@ def modulus_over_time(entry: ExplainEntry, *, with_effect: bool) -> list[Chart]:
     sure = [cell for cell in entry.cells if 0 < cell.E_sd_MPa < 0.25 * abs(cell.E_MPa)]
     if not sure:
         return []
-    levels = [(entry.after.value, "with the effect" if with_effect else "all frames", "pad0")]
+    levels = [(entry.after.value, say("with the effect") if with_effect else say("all frames"), "pad0")]
     if with_effect:
-        levels.insert(0, (entry.before.value, "without", "before"))
+        levels.insert(0, (entry.before.value, say("without"), "before"))
     levels = [known for known in levels if math.isfinite(known[0])]  # E may be withheld
     common = np.quantile([cell.E_MPa for cell in sure], [0.02, 0.98]).tolist()
     limits = padded([*common, *(value for value, *_ in levels)])
@@ -80,13 +82,14 @@ def _cells_chart(
     of_pads = {pad: [cell for cell in cells if cell.pad == pad] for pad in pads}
     means = {pad: np.mean([cell.E_MPa for cell in known] or [np.nan]) for pad, known in of_pads.items()}
     return {
-        "title": f"E over time, {grasp}",
+        "title": say("E over time, {grasp}", grasp=grasp),
         "description": "; ".join(
-            f"{_pad_words(pad)}: mean {number(float(mean))} MPa" for pad, mean in means.items()
+            say("{pad}: mean {modulus} MPa", pad=_pad_words(pad), modulus=number(float(mean)))
+            for pad, mean in means.items()
         ),
         "caption": grasp,
-        "x": {"label": "time (s)", "limits": padded(cell.time_s for cell in cells)},
-        "y": {"label": "E of each frame (MPa)", "limits": limits},
+        "x": {"label": say("time (s)"), "limits": padded(cell.time_s for cell in cells)},
+        "y": {"label": say("E of each frame (MPa)"), "limits": limits},
         "layers": [
             *_holds([(cell.time_s, cell.phase) for cell in cells], limits),
             *(rules("y", [value], colour=colour, name=words) for value, words, colour in levels),
@@ -111,21 +114,26 @@ def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Chart, Char
 
     `with_effect`: whether an effect was found; otherwise the model has one line.
     """
-    after = WITH | {"name": "with the effect" if with_effect else "model"}
+    before = WITHOUT | {"name": say("without")}
+    after = WITH | {"name": say("with the effect") if with_effect else say("model")}
     travel = np.concatenate([trace.given_mm, trace.before_mm, trace.after_mm])
     force: Chart = {
-        "title": f"Force over approach, {trace.grasp}",
-        "description": f"Peak force {number(float(np.nanmax(trace.force_N, initial=0.0)))} N",
-        "x": {"label": "how far the flesh gave way (mm)", "limits": padded(travel, from_zero=True)},
-        "y": {"label": "force (N)", "limits": padded(trace.force_N, from_zero=True)},
+        "title": say("Force over approach, {grasp}", grasp=trace.grasp),
+        "description": say(
+            "Peak force {force} N", force=number(float(np.nanmax(trace.force_N, initial=0.0)))
+        ),
+        "x": {"label": say("how far the flesh gave way (mm)"), "limits": padded(travel, from_zero=True)},
+        "y": {"label": say("force (N)"), "limits": padded(trace.force_N, from_zero=True)},
         "layers": [
-            *([layer("line", trace.before_mm, trace.force_N, **WITHOUT)] if with_effect else []),
-            layer("marks", trace.given_mm, trace.force_N, colour="soft", shape="circle", name="measured"),
+            *([layer("line", trace.before_mm, trace.force_N, **before)] if with_effect else []),
+            layer(
+                "marks", trace.given_mm, trace.force_N, colour="soft", shape="circle", name=say("measured")
+            ),
             layer("line", trace.after_mm, trace.force_N, **after),
         ],
     }
-    leftover_um = {"without": 1e3 * (trace.given_mm - trace.before_mm)} if with_effect else {}
-    leftover_um["with" if with_effect else "model"] = 1e3 * (trace.given_mm - trace.after_mm)
+    leftover_um = {say("without"): 1e3 * (trace.given_mm - trace.before_mm)} if with_effect else {}
+    leftover_um[say("with") if with_effect else say("model")] = 1e3 * (trace.given_mm - trace.after_mm)
     rms = {
         words: number(float(np.sqrt(np.nanmean(values**2))) if len(values) else 0.0)
         for words, values in leftover_um.items()
@@ -133,10 +141,13 @@ def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Chart, Char
     limits = padded([0.0, *np.concatenate(list(leftover_um.values()))])
     styles = [WITHOUT, WITH][-len(leftover_um) :]
     residual: Chart = {
-        "title": f"Residual over time, {trace.grasp}",
-        "description": "Root mean square " + ", ".join(f"{value} µm {words}" for words, value in rms.items()),
-        "x": {"label": "time (s)", "limits": padded(trace.time_s)},
-        "y": {"label": "measured less model (µm)", "limits": limits},
+        "title": say("Residual over time, {grasp}", grasp=trace.grasp),
+        "description": say(
+            "Root mean square {residuals}",
+            residuals=", ".join(f"{value} µm {words}" for words, value in rms.items()),
+        ),
+        "x": {"label": say("time (s)"), "limits": padded(trace.time_s)},
+        "y": {"label": say("measured less model (µm)"), "limits": limits},
         "layers": [
             *_holds(list(zip(trace.time_s.tolist(), trace.phase, strict=True)), limits),
             rules("y", [0.0]),
@@ -150,7 +161,7 @@ def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Chart, Char
 
 
 def _pad_words(pad: str) -> str:
-    return "all pads" if pad == ALL_PADS else f"pad {pad}"
+    return say("all pads") if pad == ALL_PADS else f"{say('pad')} {message(pad)}"
 
 
 def _holds(frames: list[tuple[float, str]], limits: tuple[float, float]) -> Iterator[Chart]:

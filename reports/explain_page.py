@@ -20,28 +20,42 @@ from reports.effect_words import (
 from reports.explain_charts import evidence_bars, force_and_residual, modulus_over_time, rms_bars
 from reports.explain_entries import ExplainEntry, Record
 from reports.html_templates import charted_page
+from reports.language import ENGLISH, decimals, say, spoken
+from reports.messages import in_language, message
 from reports.skin_picture import BLIND_BELOW, MapStyle, coloured, map_picture
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
-_MAP = MapStyle(
-    low="softer than the model",
-    high="firmer than the model",
-    signed=True,
-    unseen="not visible from these grasps",
-)
+TITLE = "differences between simulation and recording"
 
 
-def explain_html(entry: ExplainEntry) -> str:
-    """The whole page; the same record gives the same text. It escapes all text of the case."""
+def explain_html(entry: ExplainEntry, *, language: str = ENGLISH) -> str:
+    """The whole page; the same record gives the same text. It escapes all text of the case.
+
+    `language`: one of reports.language.LANGUAGES.
+    """
+    with spoken(language):
+        return _page(in_language(entry))
+
+
+def page_title(language: str) -> str:
+    """The end of the page's title, by which drupe recognises a page of an earlier run."""
+    with spoken(language):
+        return f": {say(TITLE)}</title>"
+
+
+def _page(entry: ExplainEntry) -> str:
     named = [candidate for candidate in entry.ranking if candidate.effect in entry.verdict]
     with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
     return charted_page(
         "explain",
+        title=say(TITLE),
+        message=message,
         interval=_interval,
         heldout=_heldout,
         modulus=_modulus,
         p=_p,
         sentence=_sentence,
+        capital=_capital,
         value=_value,
         blind_share=_blind_share(entry),
         component=component_in_words(entry),
@@ -74,7 +88,7 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
     singles = dict.fromkeys(part for effect in listed for part in parts(effect))
     known = [(name, words_of(name, entry)) for name in singles]
     return [
-        (f"{effect_name(name).capitalize()}: {words.short}.", words.meaning, words.advice)
+        (f"{_capital(effect_name(name))}: {words.short}.", words.meaning, words.advice)
         for name, words in known
         if words is not None
     ]
@@ -83,18 +97,24 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
 def _map(entry: ExplainEntry) -> str:
     """The map on the fruit from six sides, as WebP in base64; empty without a map."""
     maps = entry.maps
+    style = MapStyle(
+        low=say("softer than the model"),
+        high=say("firmer than the model"),
+        signed=True,
+        unseen=say("not visible from these grasps"),
+    )
     if maps is None or not np.isfinite(maps.modulus_score).any():
         return ""
     skin, limit = coloured(
         maps.vertices_mm,
         maps.triangles,
         np.nan_to_num(maps.modulus_score),
-        style=_MAP,
+        style=style,
         seen=maps.visible >= BLIND_BELOW,
         contacts_mm=entry.contacts_mm,
     )
     spot = {"centre_mm": entry.where.centre_mm, "radius_mm": entry.where.radius_mm}
-    return base64.b64encode(map_picture(skin, limit=limit, style=_MAP, **spot)).decode("ascii")
+    return base64.b64encode(map_picture(skin, limit=limit, style=style, **spot)).decode("ascii")
 
 
 def _sentence(words: str) -> str:
@@ -103,7 +123,12 @@ def _sentence(words: str) -> str:
     >>> _sentence("grasp across"), _sentence("Hold it.")
     ('Grasp across.', 'Hold it.')
     """
-    return words[:1].upper() + words[1:] + ("" if words.endswith((".", "!", "?")) else ".")
+    return _capital(words) + ("" if words.endswith((".", "!", "?")) else ".")
+
+
+def _capital(words: str) -> str:
+    """The words with a capital letter first."""
+    return words[:1].upper() + words[1:]
 
 
 def _blind_share(entry: ExplainEntry) -> float | None:
@@ -139,10 +164,11 @@ def _modulus(modulus: Record | None) -> str:
 def _interval(parameter: Record) -> str:
     if parameter.interval is None:
         return UNKNOWN
-    return f"{number(parameter.interval[0])} to {number(parameter.interval[1])}"
+    low, high = map(number, parameter.interval)
+    return say("{low} to {high}", low=low, high=high)
 
 
 def _p(p_value: float) -> str:
     if not math.isfinite(p_value):
         return UNKNOWN
-    return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+    return decimals("< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}")

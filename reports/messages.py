@@ -15,14 +15,15 @@ from dataclasses import replace
 from functools import cache, lru_cache
 from importlib import resources
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from reports.entries import BatchEntry, FruitEntry, ReferenceEntry, ScreenEntry, Suspect
+from reports.explain_entries import EffectEntry, ExplainEntry
 from reports.language import ENGLISH, decimals, language_in_force
 
 _FIELD = re.compile(r"(?:\{\d\})+")
 """A placeholder. Adjacent ones count as one, because nothing marks where the first ends."""
-_FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+\.\d+)?")
+_FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+(?:\.\d+)?)?%?")
 MOST_NAME = 300
 """Most characters before a colon that may name a recording or a file."""
 SENTENCES: Mapping[type, tuple[str, ...]] = {
@@ -31,8 +32,14 @@ SENTENCES: Mapping[type, tuple[str, ...]] = {
     ReferenceEntry: ("sentences",),
     ScreenEntry: ("suspects", "why_not", "note"),
     Suspect: ("short", "advice"),
+    ExplainEntry: (
+        *("withheld", "doubts", "next_grasp", "p_nominal", "notes", "applied"),
+        *("effects", "parameter_words", "facts"),
+    ),
+    EffectEntry: ("short", "meaning", "advice"),
 }
 """Fields of report records that hold sentences of other packages, or records with such sentences."""
+_Entry = TypeVar("_Entry", BatchEntry, ExplainEntry)
 
 
 class _Template(NamedTuple):
@@ -42,9 +49,9 @@ class _Template(NamedTuple):
     translation: str
 
 
-def in_language(batch: BatchEntry) -> BatchEntry:
-    """The batch with its sentences in the language in force."""
-    return batch if language_in_force() == ENGLISH else _translated(batch)
+def in_language(entry: _Entry) -> _Entry:
+    """The record with its sentences in the language in force."""
+    return entry if language_in_force() == ENGLISH else _translated(entry)
 
 
 def message(text: str) -> str:
@@ -53,11 +60,15 @@ def message(text: str) -> str:
 
 
 def _translated(said: Any) -> Any:
-    """A sentence, several, or the sentences of a record that SENTENCES names, in the language in force."""
+    """A sentence, several, those of a mapping, or those of a record that SENTENCES names, in the language in
+    force.
+    """
     if isinstance(said, str):
         return message(said)
     if isinstance(said, tuple):
         return tuple(map(_translated, said))
+    if isinstance(said, Mapping):
+        return {name: _translated(inner) for name, inner in said.items()}
     names = SENTENCES.get(type(said), ())
     return replace(said, **{name: _translated(getattr(said, name)) for name in names}) if names else said
 

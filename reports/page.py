@@ -35,7 +35,7 @@ from reports.html_templates import CHARTS, charted_page, template_of
 from reports.kiosk_page import list_words
 from reports.language import ENGLISH, language_in_force, say, spoken
 from reports.language import decimals as with_comma
-from reports.messages import in_language
+from reports.messages import in_language, message
 from reports.palette import UNKNOWN, class_mark, class_marks
 from reports.sheet_code import qr_png, sheet_code
 from reports.tables import ranking_csv
@@ -261,7 +261,9 @@ def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[s
     if fruit.shore_oo is not None:
         facts.append((say("Shore OO reading"), number(fruit.shore_oo)))
     facts.extend(fruit.facts)
-    facts.extend((f"{say('Time')}: {stage}", duration(seconds)) for stage, seconds in fruit.seconds.items())
+    facts.extend(
+        (f"{say('Time')}: {message(stage)}", duration(seconds)) for stage, seconds in fruit.seconds.items()
+    )
     if fruit.peak_memory_MiB is not None:
         facts.append((f"{say('Time')}: {say('Peak memory')}", f"{fruit.peak_memory_MiB:.0f} MiB"))
     parts: dict[str, list[tuple[str, str]]] = {}

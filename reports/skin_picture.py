@@ -15,6 +15,7 @@ from matplotlib.tri import Triangulation
 from scipy.spatial import ConvexHull, cKDTree
 
 from reports.figures import webp_of
+from reports.language import decimals, say
 from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
@@ -158,7 +159,7 @@ def map_picture(
         place = (column / 3, 1 - (row + 1) * view_px / height, 1 / 3, view_px / height)
         axes, view = figure.add_axes(place), view_axes(azimuth_deg, elevation_deg)
         skin.drawn(axes, view)
-        axes.text(-0.97 * skin.half_mm, 0.95 * skin.half_mm, name, va="top", fontsize=9.5, color=INK)
+        axes.text(-0.97 * skin.half_mm, 0.95 * skin.half_mm, say(name), va="top", fontsize=9.5, color=INK)
         if centre_mm is not None:
             _ring(axes, view @ (np.array(centre_mm) - skin.middle_mm), radius_mm or 3.0, skin.half_mm)
     key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(0, 100), ylim=(0, 10))
@@ -220,7 +221,7 @@ def _key(axes: Axes, limit: float, style: MapStyle, pads: Sequence[str]) -> None
     axes.imshow(bar[None], extent=(0, 46, 5.6, 8.2), aspect="auto")
     ends = (-limit, 0.0, limit) if style.signed else (0.0, limit / 2, limit)
     for x, value in zip((0.0, 23.0, 46.0), ends, strict=True):
-        axes.text(x, 4.9, f"{value:.3g}", ha="center", va="top", fontsize=8.5, color="#535b66")
+        axes.text(x, 4.9, decimals(f"{value:.3g}"), ha="center", va="top", fontsize=8.5, color="#535b66")
     axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=INK)
     axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=INK)
     marks = [(style.unseen, GREY), *((f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads))]

@@ -9,6 +9,7 @@ from datetime import UTC
 from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, Suspicion, VerdictEntry, ranked
 from reports.language import decimals as with_comma
 from reports.language import say
+from reports.messages import message
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
@@ -175,12 +176,14 @@ def p_words(p_value: float | None, nominal: bool = False) -> str:
 
 
 def effect_name(effect: str) -> str:
-    """Readable name of an effect, of a pair (+), or of alternatives (|).
+    """Readable name of an effect, of a pair (+), or of alternatives (|), in the language in force.
 
     >>> effect_name("pit_offset+viscoelastic|slip")
     'pit offset with viscoelastic or slip'
     """
-    return effect.replace("_", " ").replace("+", " with ").replace(OR, " or ")
+    alternatives = (pair.split("+") for pair in effect.split(OR))
+    pairs = (say(" with ").join(message(name.replace("_", " ")) for name in pair) for pair in alternatives)
+    return say(" or ").join(pairs)
 
 
 def number(value: float | None, *, figures: int = 3) -> str:

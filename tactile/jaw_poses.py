@@ -60,8 +60,14 @@ def jaw_poses(
     Only the change of the aperture enters E: the centre and the directions determine which skin the pads
     touch.
 
-    Raises TactileFailure (unreadable-recording) if `closing` and `up` are (nearly) parallel or zero.
+    Raises TactileFailure (unreadable-recording) if `closing` and `up` are (nearly) parallel or zero, or an
+    aperture is negative.
     """
+    if aperture_mm.min(initial=0.0) < 0:
+        raise TactileProblem.UNREADABLE_RECORDING.failure(
+            f"aperture_mm: found {aperture_mm.min():g} mm, expected 0 or more; give the distance between the "
+            "two undeformed gel faces."
+        )
     length, height = float(np.linalg.norm(closing)), float(np.linalg.norm(up))
     along = closing / (length or 1.0)
     across = up - (up @ along) * along

@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from pipeline.commands.endings import exit_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.shared_options import LanguageOption, chosen_language
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
@@ -65,6 +66,7 @@ def explain(
             show_default=f"one per core, at most {MOST_EXPLAINING}",
         ),
     ] = None,
+    lang: LanguageOption = None,
 ) -> None:
     """Find physics that the model misses in one fruit's recordings: what, where, when and how certain.
 
@@ -81,6 +83,7 @@ def explain(
 
     Example: drupe explain monday --fruit 7 --html fruit7.html
     """
+    language = chosen_language(lang)
     require_libraries()
     with elsewhere():
         for library in LOADED_LATE:
@@ -97,13 +100,16 @@ def explain(
             explanation = explain_case(
                 case,
                 fruit_id=fruit,
-                wanted=ExplainOutputs(json=json, html=html, work=work, out=out, apply=apply),
+                wanted=ExplainOutputs(
+                    json=json, html=html, work=work, out=out, apply=apply, language=language
+                ),
                 report=StageLines(console).stage,
                 jobs=jobs or min(cores(), MOST_EXPLAINING),
             )
     except NotExplained as reason:
         typer.echo(f"drupe: {case}: {reason}", err=True)
         raise typer.Exit(UNUSABLE) from None
-    print_explanation(explanation, [path for path in (json, html) if path], console=Console())
+    written = [path for path in (json, html) if path]
+    print_explanation(explanation, written, console=Console())
     if explanation.doubts:
         raise typer.Exit(DOUBTED)

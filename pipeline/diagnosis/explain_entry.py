@@ -5,9 +5,8 @@ from dataclasses import fields
 from datetime import datetime
 
 from fem.mismatch.catalogue import SPECS
-from fem.mismatch.effect_spec import EffectWords
 from pipeline.diagnosis.diagnosis import Diagnosis
-from reports.explain_entries import ExplainEntry
+from reports.explain_entries import EffectEntry, ExplainEntry
 
 OF_A_TRACE = {
     "onset_mm": "travel at first contact",
@@ -65,10 +64,10 @@ def explain_entry(
     )
 
 
-def effect_entries(names: Iterable[str]) -> dict[str, EffectWords]:
+def effect_entries(names: Iterable[str]) -> dict[str, EffectEntry]:
     """Words of all single effects in these names, those of pairs included, that the catalogue has."""
     single = dict.fromkeys(part for name in names for part in name.split("+"))
-    return {name: SPECS[name].words for name in single if name in SPECS}
+    return {name: EffectEntry(**vars(SPECS[name].words)) for name in single if name in SPECS}
 
 
 def parameter_words(effect: str, name: str) -> str:

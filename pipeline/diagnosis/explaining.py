@@ -39,11 +39,9 @@ from pipeline.run.batch_run import require_same_batch, utc_now
 from pipeline.run.grading import read_files
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
-from reports.explain_page import explain_html
+from reports.explain_page import explain_html, page_title
+from reports.language import ENGLISH, LANGUAGES
 from tactile.tactile_failure import TactileFailure
-
-PAGE_TITLE = ": differences between simulation and recording</title>"
-"""Identifies a page of an earlier run (reports/templates/explain.html.j2)."""
 
 
 class NotExplained(Exception):
@@ -52,13 +50,16 @@ class NotExplained(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainOutputs:
-    """Where the answer is written; `work`: where a case of its own keeps its stages between runs."""
+    """Where the answer is written, and the language of its page; `work`: where a case of its own keeps its
+    stages between runs.
+    """
 
     json: Path | None = None
     html: Path | None = None
     work: Path | None = None
     out: Path | None = None
     apply: bool = False
+    language: str = ENGLISH
 
 
 def explain(
@@ -124,7 +125,7 @@ def _explained(case: Case, wanted: ExplainOutputs, report: Callable[[str], None]
     if case.batch is not None:
         write_whole(case.task.results.mismatch, _json({**entry.as_json(), "key": case.task.key}) + "\n")
     if wanted.html is not None:
-        put(wanted.html, explain_html(entry).encode())
+        put(wanted.html, explain_html(entry, language=wanted.language).encode())
     return entry
 
 
@@ -202,4 +203,5 @@ def _is_answer(path: Path) -> bool:
 
 
 def _is_page(path: Path) -> bool:
-    return PAGE_TITLE in text_or_empty(path, most_bytes=MOST_BYTES)
+    page = text_or_empty(path, most_bytes=MOST_BYTES)
+    return any(page_title(language) in page for language in LANGUAGES)

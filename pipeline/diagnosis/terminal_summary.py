@@ -9,6 +9,8 @@ from rich.table import Table
 from fem.mismatch.selection.decision import DETECTION_P
 from reports.effect_words import component_in_words, explain_verdict, when_in_words, where_in_words
 from reports.explain_entries import ExplainEntry, Record
+from reports.language import of_environment, spoken
+from reports.messages import in_language, message
 from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
 IN_ALL = "in all"
@@ -18,7 +20,16 @@ SHOWN = 5
 
 
 def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Console) -> None:
-    """The verdict in a sentence, the ranking, E before and after, held-out grasps, what to record next."""
+    """The verdict in a sentence, the ranking, E before and after, held-out grasps, what to record next.
+
+    The entry's sentences are in the locale's language; pipeline.terminal_language translates the lines around
+    them.
+    """
+    with spoken(of_environment()):
+        _print(in_language(entry), written, console=console)
+
+
+def _print(entry: ExplainEntry, written: list[Path], *, console: Console) -> None:
 
     def line(text: str) -> None:
         console.print(text.replace(NO_BREAK, " "), highlight=False, markup=False, soft_wrap=True)
@@ -67,8 +78,8 @@ def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Cons
 
 def _ranking(entry: ExplainEntry) -> Table:
     table = Table(box=None, pad_edge=False)
-    table.add_column("explanation")
-    table.add_column("probability", justify="right")
+    table.add_column(message("explanation"))
+    table.add_column(message("probability"), justify="right")
     table.add_column("E (MPa)", justify="right")
     for candidate in entry.ranking[:SHOWN]:
         table.add_row(

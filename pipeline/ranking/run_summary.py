@@ -10,6 +10,9 @@ from rich.table import Table
 
 from pipeline.problem import listed
 from reports.entries import BatchEntry, FruitEntry, ranked, without_references
+from reports.language import decimals as with_comma
+from reports.language import of_environment, spoken
+from reports.messages import message
 from reports.words import remarks, screen_words
 
 MOST_LINES = 40
@@ -57,13 +60,13 @@ def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
     return [f"{line}: {listed(ids, MOST_IDS)}" for line, ids in by_line.items()]
 
 
-def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
-    """The ranking as a table, failures with their reasons, doubts and warnings, where the files are."""
+def _ranking(batch: BatchEntry) -> Table:
+    """A row for each graded fruit, in the language in force."""
     table = Table(box=None, pad_edge=False)
     for name in ("rank", "fruit", "E (MPa)", "±"):
-        table.add_column(name, justify="left" if name == "fruit" else "right")
-    table.add_column("maturity")
-    table.add_column("remarks")
+        table.add_column(message(name), justify="left" if name == "fruit" else "right")
+    table.add_column(message("maturity"))
+    table.add_column(message("remarks"))
     for fruit in ranked(batch.fruits):
         if fruit.E_MPa is None or fruit.E_sd_MPa is None:
             continue
@@ -71,11 +74,21 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
         table.add_row(
             "" if fruit.rank is None else str(fruit.rank),
             escape(fruit.fruit_id),
-            f"{fruit.E_MPa:.{decimals(fruit.E_sd_MPa)}f}",
-            f"{fruit.E_sd_MPa:.{decimals(fruit.E_sd_MPa)}f}",
-            "withheld" if fruit.class_withheld else escape(f"{fruit.maturity or ''}{sure}"),
+            with_comma(f"{fruit.E_MPa:.{decimals(fruit.E_sd_MPa)}f}"),
+            with_comma(f"{fruit.E_sd_MPa:.{decimals(fruit.E_sd_MPa)}f}"),
+            message("withheld") if fruit.class_withheld else escape(f"{fruit.maturity or ''}{sure}"),
             escape(remarks(fruit)),
         )
+    return table
+
+
+def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
+    """The ranking as a table, failures with their reasons, doubts and warnings, where the files are.
+
+    The table is in the locale's language; pipeline.terminal_language translates the lines.
+    """
+    with spoken(of_environment()):
+        table = _ranking(batch)
     if table.row_count:
         console.print(table)
     graded = [fruit.ok for fruit in without_references(batch.fruits)]

@@ -2,7 +2,8 @@
 
 The .npz has the names of a recording: `time_s` (T,) and `aperture_mm` (T,). Each pad (left and right, or tip)
 has `pads/<pad>/rest_mm` (N, 3), `pads/<pad>/displacement_mm` and `pads/<pad>/force_N` (T, N, 3). A
-`pads/<pad>/pose` (T, 4, 4) or (4, 4) is optional.
+`pads/<pad>/pose` (T, 4, 4) or (4, 4) is optional. Instead of these, the .npz may have one array for all pads
+with the pad as its first axis: `rest_mm` (2, N, 3) and so on, as `drupe.recording` takes them.
 
 The CSV file has one row for each frame and marker: `time_s`, `aperture_mm`, `pad` (0 left or tip, 1 right),
 `marker`, `x_mm`, `y_mm`, `z_mm` (at rest), `dx_mm`, `dy_mm`, `dz_mm`, `fx_N`, `fy_N`, `fz_N`.
@@ -24,6 +25,9 @@ from tactile.readers.ros_bag import bag_fields
 from tactile.sensors import Sensor, gel_constants
 
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
+OF_A_PAD = ("rest_mm", "displacement_mm", "force_N", "pose")
+PADS = {1: ("tip",), 2: ("left", "right")}
+"""Names of the pads by their number: a press has 1, a grasp 2."""
 COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
 
 
@@ -81,9 +85,24 @@ def read_field_table(
 
 def _npz(path: Path) -> dict[str, np.ndarray]:
     try:
-        return load_npz(path)
+        return _by_pad(path, load_npz(path))
     except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a whole .npz of numbers; copy it again") from cause
+
+
+def _by_pad(path: Path, held: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays with a name per pad; unchanged if they have it. Raises TactileFailure for another number of
+    pads.
+    """
+    stacked = [name for name in OF_A_PAD if name in held]
+    for field in stacked:
+        names = PADS.get(len(held[field]) if held[field].ndim else 0)
+        if names is None or held[field].shape[:1] != held[stacked[0]].shape[:1]:
+            raise unusable(
+                f"{path.name}: {field}", f"shape {held[field].shape}", "2 pads or 1 as its first axis"
+            )
+        held |= {f"pads/{name}/{field}": values for name, values in zip(names, held[field], strict=True)}
+    return held
 
 
 def _from_csv(path: Path) -> dict[str, np.ndarray]:

@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +159,12 @@ def test_recordings_are_needed_and_belong_to_one_fruit(stored):
 
 def test_settings_reach_the_batch_whole_and_a_single_recording_is_a_list_of_it(stored):
     """NumPy's numbers, tables in tables and letters of every script; None leaves a key out."""
-    further = {"mesh": {"edge_mm": np.float32(8)}, "variety": "🍑", "poisson_ratio_sd": None}
+    further = {
+        "mesh": {"edge_mm": np.float32(8)},
+        "harvest_date": date(2026, 8, 14),
+        "variety": "🍑",
+        "poisson_ratio_sd": None,
+    }
     effects = [{"effect": "stiffening", "amount": [np.float64(0.5)]}]
     given = array_batch(
         read_mesh(DATA / "fruit.ply"),
@@ -177,6 +183,7 @@ def test_settings_reach_the_batch_whole_and_a_single_recording_is_a_list_of_it(s
         "poisson_ratio": 0.45,
         "pit": {"prior": "none"},
         "mesh": {"edge_mm": 8.0},
+        "harvest_date": "2026-08-14",
         "variety": "🍑",
     }
 
@@ -204,6 +211,15 @@ def test_jaws_close_on_the_centre_and_poses_are_rigid():
         assert np.linalg.det(turn) == pytest.approx(1)
     np.testing.assert_allclose(left[0, :3, 2], [0, 1, 0])
     np.testing.assert_allclose(left[0, :3, 1], right[0, :3, 1])
+
+
+def test_a_negative_aperture_and_a_recording_of_another_type_are_refused(tmp_path):
+    with pytest.raises(
+        drupe.DrupeError, match=r"aperture_mm: found -2 mm, expected 0 or more; give the dist"
+    ):
+        drupe.jaw_poses([60.0, -2.0], centre_mm=(0, 0, 0))
+    with pytest.raises(drupe.DrupeError, match="held: found dict, expected what `recording` returns"):
+        drupe.write_recording(tmp_path / "grasp.h5", {"time_s": [0.0]})
 
 
 def test_parallel_directions_are_refused():

@@ -79,6 +79,29 @@ def test_marker_fields_in_npz_and_csv_say_the_same(tmp_path: Path) -> None:
         np.testing.assert_allclose(pad.force_N, pushed, rtol=1e-6)
 
 
+def test_an_archive_with_the_pads_as_first_axis_is_read_as_python_reads_it(tmp_path: Path) -> None:
+    stored = read_recording(GRASP)
+    arrays = {name: np.array([getattr(pad, name) for pad in stored.pads]) for name in FIELDS_OF_A_PAD}
+    arrays |= {"time_s": stored.time_s, "aperture_mm": stored.aperture_mm}
+    np.savez(tmp_path / "a.npz", **arrays)
+    its_gel = "gel_kn_MPa_per_mm = 0.22\ngel_kt_MPa_per_mm = 0.055\n"
+    (tmp_path / "s.toml").write_text(f'kind = "fields"\nname = "gel"\n[gel]\n{its_gel}')
+    code, said = run(tmp_path / "a.npz", tmp_path / "a.h5", "--sensor", tmp_path / "s.toml")
+    assert code == 0, said
+    for pad, its in zip(read_recording(tmp_path / "a.h5").pads, stored.pads, strict=True):
+        assert pad.name == its.name
+        for name in FIELDS_OF_A_PAD:
+            np.testing.assert_allclose(getattr(pad, name), getattr(its, name), rtol=1e-6)
+    np.savez(tmp_path / "b.npz", **arrays | {"force_N": arrays["force_N"][:1]})
+    code, said = run(tmp_path / "b.npz", tmp_path / "b.h5", "--sensor", tmp_path / "s.toml")
+    assert code != 0
+    assert "b.npz: force_N: found shape (1, 47, 400, 3), expected 2 pads or 1 as its first axis" in said
+
+
+FIELDS_OF_A_PAD = ("rest_mm", "displacement_mm", "force_N", "pose")
+GRASP = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"
+
+
 def test_a_bare_load_cell_becomes_a_press(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("time_s,travel_mm,force_N\n0,0,0\n0.1,0.5,-1.5\n0.2,1,-4\n")
     code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", "ball", "--radius-mm", "4")

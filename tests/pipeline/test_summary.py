@@ -36,6 +36,14 @@ def test_of_an_interrupted_run_it_says_how_many_are_done(lines):
     assert "interrupted: 1 of 3 fruit done" in lines(fruit("N01"), exit_status=None, unfinished=unfinished)
 
 
+def test_the_ranking_is_in_the_language_of_the_locale(lines, monkeypatch):
+    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
+    header, row, *_ = lines(fruit("N01", "no rig."))
+    assert header.split() == ["Rang", "Frucht", "E", "(MPa)", "±", "Reife", "Bemerkungen"]
+    assert "0,500  0,050" in row
+    assert "E ist zweifelhaft" in row
+
+
 def fruit(fruit_id, *doubts, ok=True):
     E = {"E_MPa": 0.5, "E_sd_MPa": 0.05} if ok else {"reason": "no grasp"}
     return FruitEntry(fruit_id=fruit_id, ok=ok, outcome="graded" if ok else "no-grasp", doubts=doubts, **E)

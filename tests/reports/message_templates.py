@@ -7,14 +7,9 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("fem/estimation", "fem/mesh", "pipeline", "recon", "tactile")
-ENGLISH_ALONE = (
-    "pipeline/commands/explain.py", "pipeline/diagnosis",
-    "pipeline/history/migrations", "pipeline/start.py",
-)  # fmt: skip
-"""The answers of `drupe explain`, statements of SQL, and the words of a computer
-on which drupe cannot start.
-"""
+ROOMS = ("fem", "pipeline", "recon", "tactile")
+ENGLISH_ALONE = ("pipeline/history/migrations", "pipeline/start.py")
+"""Statements of SQL, and the words of a computer on which drupe cannot start."""
 NO_SENTENCE = (
     "#", "@alias", "text/", "drupe: internal error", "failed to map segment", "The MLE may be",
     "The random effects", "The Hessian matrix",
@@ -65,12 +60,11 @@ def _no_sentences(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _template(node: ast.Constant | ast.JoinedStr) -> str:
-    if isinstance(node, ast.Constant):
-        text = node.value if isinstance(node.value, str) else ""
-        pieces = re.split(r"\{\w*\}", text)
-    else:
-        pieces = [""]
-        for part in node.values:
-            pieces[-1] += str(part.value) if isinstance(part, ast.Constant) else ""
-            pieces += [] if isinstance(part, ast.Constant) else [""]
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    text = "".join(str(part.value) if _is_text(part) else "{}" for part in parts)
+    pieces = re.split(r"\{\w*(?::[^{}]*)?\}", text)
     return pieces[0] + "".join(f"{{{k}}}{piece}" for k, piece in enumerate(pieces[1:]))
+
+
+def _is_text(part: ast.expr) -> bool:
+    return isinstance(part, ast.Constant) and isinstance(part.value, str)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from reports import batch_overview, kiosk_page, page, words
+from reports import batch_overview, effect_words, explain_page, kiosk_page, page, skin_picture, words
 from reports.kiosk_page import KioskEntry, kiosk_html
 from reports.language import ENGLISH, LANGUAGES, say, spoken, words_of
 from reports.page import report_html
@@ -37,6 +37,12 @@ def said_by_table():
     yield from batch_overview.REASONS
     yield from (*kiosk_page.WORDS, *kiosk_page.WORDS.values(), *kiosk_page.COUNTED.values())
     yield from kiosk_page.MISSING
+    yield explain_page.TITLE
+    yield from (name for name, *_ in skin_picture.FROM_SIDES)
+    for entry in effect_words.VERDICTS.values():
+        yield from vars(entry).values()
+    for table in ("LISTED", "REGIONS", "PHASES", "COMPONENTS"):
+        yield from getattr(effect_words, table).values()
 
 
 def fields(text):

@@ -1,29 +1,47 @@
 """Warnings, doubts and reasons of other packages in the page's language, with English as their one source."""
 
+import html
 import re
 import sys
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 
 import pytest
 import typer
 from message_templates import ROOT, modules, templates
 from report_batches import batch_of, graded_fruit
+from rich.console import Console
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
+from fake_explanation import fake_explanation
 
 from fem.estimation.modulus_warnings import warnings_of
 from fem.grasp_history import GraspHistory
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.procedure import TWICE
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.write_guard import require_file_apart, require_free, require_made_by_drupe
+from pipeline.diagnosis.diagnosis import Diagnosis
+from pipeline.diagnosis.explain_entry import explain_entry
+from pipeline.diagnosis.terminal_summary import print_explanation
 from pipeline.files.manifest import NotOurs, claim, enter
 from pipeline.problem import BatchRefused
 from pipeline.terminal_language import in_language_of_locale
 from reports.entries import ReferenceEntry, ScreenEntry, Suspect
+from reports.explain_entries import EffectEntry, ExplainEntry
+from reports.explain_page import explain_html
 from reports.language import ENGLISH, LANGUAGES, spoken
 from reports.messages import SENTENCES, catalogue, in_language, message
 from reports.page import report_html
+from reports.words import effect_name
 from tactile.consistency.finding import Finding, FindingKind
 
 OTHERS = [language for language in LANGUAGES if language != ENGLISH]
+
+
+ENGLISH_WORDS = r"\b(?:the|of|and|or|with|without|from|is|recordings?|fruit|grasps?|pads?|flesh|skin|note)\b"
 
 
 def words(template):
@@ -144,7 +162,7 @@ def test_a_sentence_that_no_catalogue_has_stays_as_it_is(language):
     assert message("force") == "force"
 
 
-def test_each_sentence_in_the_records_of_a_batch_is_translated():
+def test_each_sentence_in_the_records_of_a_page_is_translated():
     english, german = "drupe left out 3 of 24 photos.", "drupe hat 3 von 24 Fotos ausgelassen."
     suspect = Suspect(name="soft_spot", short=english, advice=english)
     screen = ScreenEntry(suspects=(suspect,), why_not=english, note=english)
@@ -160,11 +178,66 @@ def test_each_sentence_in_the_records_of_a_batch_is_translated():
     )
     reference = ReferenceEntry(sentences=(english,), alarm=False)
     batch = replace(batch_of(fruit), faults=(english,), reference=reference)
-    records = {type(record): record for record in (batch, fruit, reference, screen, suspect)}
+    effect = EffectEntry(short=english, meaning=english, advice=english)
+    known = {name: getattr(fake_explanation(), name) for name in ("where", "before", "after", "ranking")}
+    explained = ExplainEntry(
+        **{**known, "detected": True, "p_value": 0.01, "when": "load", "component": "both"},
+        **{"verdict": ("skin",), "case": "N01", "category": "nectarine", "made_utc": datetime.now(UTC)},
+        **dict.fromkeys(("withheld", "next_grasp", "p_nominal", "applied"), english),
+        **dict.fromkeys(("doubts", "notes"), (english,)),
+        effects={"skin": effect},
+        parameter_words={"skin": {"Et_N_per_mm": english}},
+        facts=((english, english),),
+    )
+    records = {
+        type(record): record for record in (batch, fruit, reference, screen, suspect, effect, explained)
+    }
     for kind, names in SENTENCES.items():
         assert all(english in repr(getattr(records[kind], name)) for name in names), kind
     with spoken("de"):
-        assert repr(in_language(batch)) == repr(batch).replace(english, german)
+        for entry in (batch, explained):
+            assert repr(in_language(entry)) == repr(entry).replace(english, german)
+
+
+@pytest.mark.parametrize("language", OTHERS)
+@pytest.mark.parametrize("spec", SPECS.values(), ids=list(SPECS))
+def test_an_effect_has_a_name_and_words_in_each_language(spec, language):
+    name = spec.name.replace("_", " ")
+    english = [name, *vars(spec.words).values(), *(parameter.words for parameter in spec.parameters)]
+    assert [text for text in english if text not in catalogue(language)] == []
+    with spoken(language):
+        other = effect_name(f"{spec.name}+clock_lag|none")
+        assert other.startswith(message(name))
+        assert not re.search(r"with|or|clock|none", other.replace(message(name), ""))
+
+
+@pytest.mark.parametrize("language", OTHERS)
+@pytest.mark.parametrize("verdict", [("viscoelastic",), ("skin", "unknown"), ("none",), ("unknown",)])
+def test_an_answer_of_explain_is_in_one_language_on_page_and_terminal(verdict, language, capsys, monkeypatch):
+    entry = explained_fruit(verdict)
+    page = re.sub(r"(?s)<(style|script)\b.*?</\1>", "", explain_html(entry, language=language))
+    monkeypatch.setenv("LC_ALL", f"{language}_XX.UTF-8")
+    with in_language_of_locale():
+        print_explanation(entry, [], console=Console(width=200))
+    for said in (html.unescape(re.sub(r"<[^>]*>", " ", page)), capsys.readouterr().out):
+        assert re.findall(ENGLISH_WORDS, said.replace("grasp-", "")) == []
+        assert re.search(r"\d,\d", said)
+
+
+def explained_fruit(verdict):
+    return explain_entry(
+        Diagnosis(
+            explanation=fake_explanation(
+                verdict=verdict if len(verdict) > 1 else verdict[0],
+                next_grasp=TWICE,
+                notes=("thermal_drift could not be tried: the error of the surface.",),
+            ),
+            grasps=("grasp-1", "grasp-2"),
+            facts=(("Finite elements", "4 tetrahedra, 6 nodes"),),
+        ),
+        **{"case": "N-01", "category": "N", "seconds": {"in all": 3.2}, "inputs": {}, "versions": {}},
+        made=datetime(2026, 11, 20, 9, tzinfo=UTC),
+    )
 
 
 def test_a_page_says_warnings_doubts_and_reasons_in_its_language(awkward_batch):
@@ -180,23 +253,23 @@ def test_a_page_says_warnings_doubts_and_reasons_in_its_language(awkward_batch):
         reason="Too few views: only 2 of 9 photos are usable, expected at least 6. Take 24 sharp photos from "
         "all sides, at two or three heights.",
     )
-    html = report_html(replace(awkward_batch, fruits=(sound, lost)), language="de")
+    page = report_html(replace(awkward_batch, fruits=(sound, lost)), language="de")
     for said in (
         "Zweifel an den Eingaben",
         "drupe hat 3 von 24 Fotos ausgelassen.",
         "61 % der Varianz kommen von: Größe des Steins; kleiner durch mehr Griffe.",
         "Zu wenige Ansichten: nur 2 von 9 Fotos sind brauchbar, erwartet mindestens 6.",
     ):
-        assert said in html
-    assert "Doubts" not in html
-    assert "drupe left out" not in html
+        assert said in page
+    assert "Doubts" not in page
+    assert "drupe left out" not in page
 
 
 def test_the_terminal_speaks_the_language_of_the_locale(monkeypatch, capsys):
     monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
     with in_language_of_locale():
         typer.echo("  next: run `drupe check b` to find problems, then `drupe grade b`")
-        sys.stderr.write("drupe: b/fruits.csv: is empty; the first line names the columns.\nunknown\n")
+        sys.stderr.write("drupe: b/fruits.csv: is empty; the first line names the columns.\nplums\n")
     said = capsys.readouterr()
     assert said.out == ("  weiter: `drupe check b` ausführen, um Probleme zu finden, dann `drupe grade b`\n")
-    assert said.err == "drupe: b/fruits.csv: ist leer; die erste Zeile nennt die Spalten.\nunknown\n"
+    assert said.err == "drupe: b/fruits.csv: ist leer; die erste Zeile nennt die Spalten.\nplums\n"
