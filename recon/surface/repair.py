@@ -37,6 +37,10 @@ def poisson_surface(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray,
 LARGEST_HOLE = 0.25
 """Half the diagonal of the largest closed hole's box, over the diagonal of the surface's box. Under a
 rendered fruit it is 0.16; a lid over 0.25 takes 3 % of a ball's volume. Set by hand."""
+LARGER = 10.0
+"""Factor on lengths while Open3D decimates. It places a vertex at the optimum only if the determinant of its
+quadric exceeds 1e-4, which depends on the unit. In mm a cherry of 6000 faces is 10.4 um off, with this factor
+4.6 um."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,8 @@ def _closed_and_decimated(
     )
     whole = np.array(mesh.vertices)
     if len(mesh.triangles) > max_faces:
-        mesh = _clean(mesh.simplify_quadric_decimation(max_faces))
+        larger = mesh.scale(LARGER, np.zeros(3)).simplify_quadric_decimation(max_faces)
+        mesh = _clean(larger).scale(1 / LARGER, np.zeros(3))
     return whole, np.array(mesh.vertices), np.array(mesh.triangles, int)
 
 

@@ -79,6 +79,12 @@ def test_few_faces_are_kept_and_how_far_they_moved_the_surface_is_told():
     assert 0.01 < away.max() < 0.3
 
 
+def test_a_cherry_is_decimated_as_well_as_a_peach():
+    directions, faces = ball(4)
+    away = [repaired(r * directions, faces, max_faces=1000).deviation_rms_mm / r for r in (4.0, 40.0)]
+    assert away[0] == pytest.approx(away[1], rel=0.1)
+
+
 def test_debris_and_doubled_faces_and_corners_are_removed():
     vertices, faces = ball_mesh(3)
     speck, triangles = ball(0)
