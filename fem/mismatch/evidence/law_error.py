@@ -1,9 +1,10 @@
 """Error of an effect's own law: columns beside the effect's full model.
 
 No law is exact, and its error grows with the effect. The columns are f d: d is the change of the observations
-by the effect, f a smooth function over a patch and its load. Their amounts have mean zero and the standard
-deviation `law_error` of EffectSpec. So the error widens the effect's parameters, and another effect counts
-only for what these columns do not explain. One more column for each recording scales its change alone.
+by the effect, without the part that another modulus would make, and f a smooth function over a patch and its
+load. Their amounts have mean zero and the standard deviation `law_error` of EffectSpec. So the error widens
+the effect's parameters, and another effect counts only for what these columns do not explain. One more column
+for each recording scales its change alone.
 """
 
 from collections.abc import Sequence
@@ -18,13 +19,28 @@ from fem.mismatch.model.plain_model import GraspResponse
 
 def law_error_columns(model: CaseModel, effect: Effect, response: Response) -> list[Regressor]:
     """The columns of an effect with this response."""
-    changes = [response.change(model, k) for k in range(len(model.grasps))]
+    changes = _without_modulus(model, [response.change(model, k) for k in range(len(model.grasps))])
     shaped = [_shaped(recording, change) for recording, change in zip(model.grasps, changes, strict=True)]
     alone = [[change if at == k else None for at, change in enumerate(changes)] for k in range(len(changes))]
     fields: list[Sequence[ObservationDelta | None]] = [changes, *zip(*shaped, strict=True), *alone]
     return [
         Regressor(name=f"law error {effect.spec.name}", sd=effect.spec.law_error, fields=field)
         for field in fields
+    ]
+
+
+def _without_modulus(model: CaseModel, changes: Sequence[ObservationDelta]) -> list[ObservationDelta]:
+    """The changes less the plain response in its least-squares amount."""
+    plain = [model.compliance * recording.tracks.unit_displacement for recording in model.grasps]
+    pairs = [
+        (response[recording.touching].ravel(), change.markers[recording.touching].ravel())
+        for recording, response, change in zip(model.grasps, plain, changes, strict=True)
+        if change.markers is not None
+    ]
+    amount = sum(a @ b for a, b in pairs) / sum(a @ a for a, _ in pairs)
+    return [
+        change.plus(-amount, ObservationDelta(markers=response))
+        for change, response in zip(changes, plain, strict=True)
     ]
 
 
