@@ -30,8 +30,8 @@ def _candidate(
     hypothesis: Hypothesis, linear: LinearRound, base: Float[np.ndarray, " _g"] | None
 ) -> Candidate:
     """One hypothesis as a result; without parameters and modulus if it was not refitted."""
-    drop = linear.null.chi2 - hypothesis.misfit * linear.numbers if hypothesis.linear_fits else 0.0
     if hypothesis.refit is None:
+        drop = linear.null.chi2 - hypothesis.misfit * linear.numbers if hypothesis.linear_fits else 0.0
         return Candidate(
             effect=hypothesis.name,
             probability=hypothesis.probability,
@@ -47,7 +47,7 @@ def _candidate(
         probability=hypothesis.probability,
         parameters=_parameters(again, modulus),
         log_evidence=hypothesis.gain,
-        gain=drop,
+        gain=again.signal,
         heldout=predictive_gain(base, after),
         refitted=True,
         modulus=_over_alternatives(modulus.known, hypothesis),

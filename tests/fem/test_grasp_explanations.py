@@ -9,10 +9,11 @@ from scipy.stats import multivariate_normal
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Signature
-from fem.mismatch.effect_spec import LAW_ERROR, EffectSpec
+from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.selection import grasp_explanations
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
@@ -60,7 +61,7 @@ def test_a_second_signature_adds_what_dense_evidence_says():
         assert added(remaining, (second,)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_error_of_a_law_counts_as_noise():
+def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
     """Orthogonal columns: the second is then measured alone, in noise that is stronger."""
     rng = np.random.default_rng(2)
     columns = fields(rng)
@@ -121,7 +122,7 @@ def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monke
     assert pair.gain > max(equal[name].gain for name in NAMES) + 3
     weak = round_of((1.0, 0.8 * LAW_ERROR, 0.0))
     assert "anisotropy+skin" not in by_name(weak)
-    monkeypatch.setattr(EffectSpec, "law_error", 0.0)
+    monkeypatch.setattr(grasp_explanations, "LAW_ERROR", 0.0)
     assert "anisotropy+skin" in by_name(weak)
 
 
@@ -152,16 +153,19 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
         normal=columns @ columns.T,
         right=columns @ (left * columns[0] + rng.normal(size=4000)),
     )
-    refit = SimpleNamespace(others=others)
+    signal = 500.0
+    refit = SimpleNamespace(others=others, signal=signal)
     in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
     pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
     if left:
-        expected = added(others, (0,))
+        expected = added(others.with_law_error(signal, LAW_ERROR), (0,))
         assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
         drop = others.right[0] ** 2 / (others.normal[0, 0] + others.sd[0] ** -2.0)
         assert pair.misfit == pytest.approx(first.misfit - drop / linear.numbers)
-        refitted = replace(pair, gain=0.0, misfit=0.5, refit=refit)
-        again = all_explanations(linear, in_full | {pair.name: refitted})
-        assert next(each for each in again if each.name == pair.name) == refitted
+        for more in (5.0, -5.0):
+            refitted = replace(pair, gain=pair.gain + more, misfit=0.5, refit=refit)
+            again = all_explanations(linear, in_full | {pair.name: refitted})
+            bounded = replace(refitted, gain=pair.gain + min(more, 0.0))
+            assert next(each for each in again if each.name == pair.name) == bounded
     else:
         assert pair is None

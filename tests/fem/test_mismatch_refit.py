@@ -63,7 +63,7 @@ def test_beside_a_full_model_a_signature_explains_as_much_as_in_a_fit_of_both():
         again.model,
         again.response,
         (*linear.nuisances, *second.columns),
-        again.products.columns[len(linear.nuisances) + 1 :],
+        [again.products.columns[j] for j in again.slopes],
         signatures=first.columns,
     )
     assert drop == pytest.approx(again.fit.chi2 - products.fit(chosen).chi2, rel=1e-4)

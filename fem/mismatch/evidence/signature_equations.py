@@ -99,7 +99,7 @@ class SignatureEquations:
         """The equations if the law of a first effect, which explains `signal`, is not exact. Its error counts
         as noise with a variance of `law_error`^2 times the signal in any direction.
         """
-        noise = 1 + law_error**2 * max(signal, 0.0)
+        noise = 1 + law_error**2 * signal
         return replace(self, normal=self.normal / noise, right=self.right / noise)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:

@@ -2,9 +2,8 @@
 
 An effect's evidence is the mean over its signatures, or that of its full model after a refit. A pair is the
 effect of the greater evidence and a second one. The second counts by the evidence that its signature adds to
-the first, above the error of the first one's law (fem.mismatch.evidence.law_error, or the same as noise
-before a refit). A second effect that adds nothing makes no pair. A refitted pair has the evidence of its own
-full model.
+the first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
+that adds nothing makes no pair.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE, UNKNOWN
@@ -33,7 +33,7 @@ class Hypothesis(Weighed):
 
     `modulus_change`: E with the effects over E without, and the relative standard deviation that they add, by
     linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, from
-    `ranked`. `refit`: its full model, which then gives `misfit` and `gain`.
+    `ranked`. `refit`: its full model, which then gives `misfit`, and `gain` for a single effect.
     `alternatives`: the same effects on another pad with a similar gain: share of the explanation's
     probability, and refit.
     """
@@ -63,13 +63,21 @@ def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
 def all_explanations(
     linear: LinearRound, in_full: Mapping[str, Hypothesis] | None = None
 ) -> list[Hypothesis]:
-    """The explanations, "none" last. `in_full`: those with a full model, by name."""
+    """The explanations, "none" last. `in_full`: those with a full model, by name. In a pair the second effect
+    still counts by its signature, but the pair for no more than its full model.
+    """
     known = in_full or {}
     singles = [known.get(fits[0].name) or _single(linear, fits) for fits in _ways(linear.linear_fits)]
     singles.sort(key=lambda single: -single.gain)
-    pairs = [known.get(pair.name, pair) for pair in _pairs(linear, singles)]
+    pairs = [_no_better_than(known.get(pair.name), pair) for pair in _pairs(linear, singles)]
     none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
     return [*singles, *pairs, none]
+
+
+def _no_better_than(in_full: Hypothesis | None, pair: Hypothesis) -> Hypothesis:
+    if in_full is None:
+        return pair
+    return replace(in_full, gain=min(pair.gain, in_full.gain), direct=pair.direct)
 
 
 def misfit_left(linear: LinearRound, fits: Sequence[LinearFit]) -> float:
@@ -149,14 +157,15 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
 
 
 def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
-    """The equations of all signatures given a first effect, and the same with its law's error as noise."""
+    """The equations of all signatures given a first effect: with its law exact, and with LAW_ERROR."""
     (fit,) = first.linear_fits
     if first.refit is not None and first.refit.others is not None:
-        return first.refit.others, first.refit.others
-    if not fit.columns:  # its evidence is direct: it does not change the motion
-        return linear.equations, linear.equations
-    equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
-    return equations, equations.with_law_error(signal, fit.effect.spec.law_error)
+        equations, signal = first.refit.others, first.refit.signal
+    elif fit.columns:
+        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
+    else:  # its evidence is direct: it does not change the motion
+        equations, signal = linear.equations, 0.0
+    return equations, equations.with_law_error(max(signal, 0.0), LAW_ERROR)
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:

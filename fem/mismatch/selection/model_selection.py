@@ -113,13 +113,13 @@ def _in_full(
     reason. `in_full`: explanations with a full model, by name; a pair begins where its first effect ended.
     """
     refits, failed = list[tuple[float, Refit]](), ""
-    gains = dict[tuple[Way, ...], float]()
+    gains = dict[Way, float]()
     ended = _ended(hypothesis, in_full)
     for fits in product(*(_ways_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
-        ways = tuple(fit.signature.variant.way for fit in fits)
-        gains[ways] = -np.inf
+        way = fits[0].signature.variant.way
+        gains[way] = -np.inf
         try:
-            again = refit(model, linear, fits, first=ended.get(ways[0]))
+            again = refit(model, linear, fits, first=ended.get(way))
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -127,7 +127,7 @@ def _in_full(
             failed = AT_AN_END
             continue
         gain = _gain(linear, again)
-        gains[ways] = gain if again.converged or len(fits) > 1 else max(gain, fits[0].gain)
+        gains[way] = gain if again.converged else max(gain, fits[0].gain)
         refits.append((gain, again))
     if not refits:
         return replace(hypothesis, tenable=False), failed
@@ -135,9 +135,10 @@ def _in_full(
     weight = [(float(np.exp((gain - most) / TEMPERATURE)), again) for gain, again in others]
     kept = [(share, again) for share, again in weight if share >= NEGLIGIBLE]
     total = 1 + sum(share for share, _ in kept)
+    is_pair = len(hypothesis.linear_fits) > 1
     return replace(
         hypothesis,
-        gain=_over_ways(linear, hypothesis, gains),
+        gain=most if is_pair else _over_ways(linear, hypothesis.name, gains),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
@@ -153,19 +154,17 @@ def _ended(hypothesis: Hypothesis, in_full: Mapping[str, Hypothesis]) -> dict[Wa
     return {again.variants[0].way: again for again in refits}
 
 
-def _over_ways(
-    linear: LinearRound, hypothesis: Hypothesis, in_full: Mapping[tuple[Way, ...], float]
-) -> float:
-    """ln of an explanation's mean Bayes factor over its ways. `in_full`: log Bayes factors of ways with a
-    full model. Another way has that of its signatures, but no more than the best in full; in a pair, none.
+def _over_ways(linear: LinearRound, name: str, in_full: Mapping[Way, float]) -> float:
+    """ln of an effect's mean Bayes factor over its ways. `in_full`: log Bayes factors of ways with a full
+    model; a way without one has that of its signatures, but no more than the best in full.
     """
-    most, pair = max(in_full.values()), len(hypothesis.linear_fits) > 1
-    by_way = [_by_way(linear, fit.name) for fit in hypothesis.linear_fits]
-    by_signature = {
-        (way,): min(mean_gain([fit.gain for fit in fits]), most) for way, fits in by_way[0].items()
-    }
-    known = dict(in_full) if pair else by_signature | dict(in_full)
-    return mean_gain([known.get(ways, -np.inf) for ways in product(*by_way)])
+    most = max(in_full.values())
+    return mean_gain(
+        [
+            in_full.get(way, min(mean_gain([fit.gain for fit in fits]), most))
+            for way, fits in _by_way(linear, name).items()
+        ]
+    )
 
 
 def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
@@ -174,14 +173,11 @@ def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]
     A shift of one pad and a rotation of the other balance forces equally: only full models separate them.
     """
     best = {way: fits[0] for way, fits in _by_way(linear, chosen.name).items()}
+    mine = chosen.signature.variant.way
     most = max((fit.gain for fit in best.values()), default=0.0)
     return [
         chosen,
-        *(
-            fit
-            for way, fit in best.items()
-            if way != chosen.signature.variant.way and fit.gain > RIVAL_SHARE * most > 0
-        ),
+        *(fit for way, fit in best.items() if way != mine and fit.gain > RIVAL_SHARE * most > 0),
     ]
 
 

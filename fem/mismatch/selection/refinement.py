@@ -3,7 +3,7 @@
 Parameters are searched on the scale of their EffectParameter. Finite-difference slopes of the response about
 the current parameters are columns like any other. Their amounts are the step, and their covariance is that of
 the parameters. The evidence is that of the last linearised model (Laplace), with a prior as wide as the
-bounds allow. The last model also has columns for the error of the effects' laws.
+bounds allow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,6 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, superposed
 from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
-from fem.mismatch.evidence.law_error import law_error_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.case_model import CaseModel
@@ -62,7 +61,8 @@ class Refit:
     `others`: equations of all signatures given the model of one effect, with columns as in the linear round.
     `model`: with the 1/E to which `fit`'s first amount is relative, and the search's warm starts for another
     search. `at_an_end`: for each effect, whether a parameter is at the end of its bounds, where it means
-    another cause. `last_gain`: log evidence that the last round gained.
+    another cause. `last_gain`: log evidence that the last round gained. `signal`: chi-square of the plain
+    model less that of `fit`.
     """
 
     effects: tuple[Effect, ...]
@@ -80,6 +80,7 @@ class Refit:
     model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
+    signal: float
 
     @property
     def converged(self) -> bool:
@@ -137,7 +138,6 @@ def refit(
             gained = float("inf")
         elif gained < LAST_ROUND_GAIN:
             break
-    now = search.linearised(now.at, with_law_error=True)
     count = len(specs)
     # slopes are at a fixed 1/E, parameters also change with 1/E (strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
@@ -158,6 +158,7 @@ def refit(
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
+        signal=linear.null.chi2 - now.fit.chi2,
     )
 
 
@@ -278,14 +279,11 @@ class _Search:
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The sum of the effects' changes of the plain model's response."""
-        responses = self._responses(at)
-        return responses[0] if len(responses) == 1 else superposed(self.model, responses)
-
-    def _responses(self, at: Float[np.ndarray, " p"]) -> list[Response]:
-        return [
+        responses = [
             self.single_response(k, tuple(parameters.items()), self.model.compliance)
             for k, parameters in enumerate(self.by_effect(at))
         ]
+        return responses[0] if len(responses) == 1 else superposed(self.model, responses)
 
     def _single_response(
         self, number: int, parameters: tuple[tuple[str, float], ...], _compliance: float
@@ -326,8 +324,8 @@ class _Search:
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
 
-    def linearised(self, at: Float[np.ndarray, " p"], *, with_law_error: bool = False) -> _Linearised:
-        """The model about these parameters, with its slopes as the last columns.
+    def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
+        """The model about these parameters, with its slopes as columns.
 
         Laplace: the slopes' remaining gain is subtracted; only their widths count.
         """
@@ -354,9 +352,8 @@ class _Search:
                     ],
                 )
             )
-        laws = self._law_error_columns(at) if with_law_error else []
         products, chosen = self.linear.products.about(
-            self.model, response, self.nuisances, [*laws, *slopes], signatures=self.signatures
+            self.model, response, self.nuisances, slopes, signatures=self.signatures
         )
         fit = products.fit(chosen)
         slope_columns = slice(len(fit.amounts) - len(slopes), None)
@@ -376,24 +373,15 @@ class _Search:
             fit=fit,
         )
 
-    def _law_error_columns(self, at: Float[np.ndarray, " p"]) -> list[Regressor]:
-        return [
-            column
-            for fit, response in zip(self.linear_fits, self._responses(at), strict=True)
-            for column in law_error_columns(self.model, fit.effect, response)
-        ]
-
     def others_equations(self, now: _Linearised) -> SignatureEquations:
-        """The equations of all signatures given the model, with its slopes and its law's error integrated
-        out.
-        """
-        equations, cut = self.linear.equations, len(self.nuisances)
-        columns = [now.products.columns[j] for j in now.chosen[cut:]]
+        """The equations of all signatures given the model, with its slopes integrated out."""
+        equations, cut = self.linear.equations, len(now.chosen) - len(self.spread)
+        slopes = [now.products.columns[j] for j in now.chosen[cut:]]
         products, chosen = self.linear.products.about(
             self.model,
             now.response,
             (*self.nuisances, *equations.columns),
-            columns,
+            slopes,
             signatures=self.signatures,
         )
         first = len(self.nuisances)
