@@ -32,7 +32,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
-from fem.mesh.surface_points import locate
+from fem.mesh.surface_points import SurfacePoints, locate
 from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import UnitModulusSolid
 
@@ -254,18 +254,23 @@ def _at_markers(
     episode = np.concatenate([pad.episode[used] for pad in history.pads], axis=1)
     position = np.concatenate([pad.position_mm[used] for pad in history.pads], axis=1)
     places, moved = position.copy(), np.zeros_like(position)
+    face_nodes = np.zeros((position.shape[1], 6), dtype=np.int64)
+    reference = np.zeros((position.shape[1], 2))
     for contact in range(int(episode.max()) + 1):
         during = episode == contact
         first = np.where(during.any(axis=0), during.argmax(axis=0), -1)
         for frame in np.unique(first[first >= 0]):
-            who = np.flatnonzero(first == frame)
+            who = first == frame
             nodes = mesh.nodes_mm.copy()
             nodes[skin] += unit[frame] / modulus_MPa
             deformed = FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes)
-            at = locate(deformed, position[frame, who]).among(skin)
-            here = during[:, who, None]
-            places[:, who] = np.where(here, at.sample(mesh.nodes_mm[skin][None]), places[:, who])
-            moved[:, who] = np.where(here, at.sample(unit), moved[:, who])
+            at = locate(deformed, position[frame, who])
+            face_nodes[who], reference[who] = at.face_nodes, at.reference
+        who = np.flatnonzero(first >= 0)
+        touched = SurfacePoints.at(mesh, face_nodes[who], reference[who])
+        here = during[:, who, None]
+        places[:, who] = np.where(here, touched.point_mm, places[:, who])
+        moved[:, who] = np.where(here, touched.among(skin).sample(unit), moved[:, who])
     return places, moved
 
 

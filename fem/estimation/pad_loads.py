@@ -11,7 +11,7 @@ from fem.estimation.fruit_motion import FruitMotion, span_a_plane
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import PadHistory
 from fem.mesh.flesh_mesh import FleshMesh
-from fem.solid.gel_traction import GelField, GelFrame, nodal_force
+from fem.solid.gel_traction import GelField, GelFrame, MarkerGrid, nodal_force
 
 CLEAR = 3.0
 """A denoised normal force counts as contact above this many standard deviations of its noise. Set by hand, at
@@ -58,12 +58,13 @@ class PadFrames:
         noise_N = max(force_sd_N, _noise_off_contact_N(rest, forces[:, :, 2], felt))
         pushes = (forces[:, :, 2] > CLEAR * noise_N) & recorded.force_N[used].any(axis=2)
         touching = felt | pushes
+        grid = MarkerGrid.of(rest[:, :2])
         return cls(
             rest_mm=rest,
             turn=turn,
             origin_mm=at.mean(axis=1) - turn @ middle,
             fields=tuple(
-                GelField.of(GelFrame(rest_mm=rest[:, :2], shear_mm=moved[:, :2], force_N=force, touching=on))
+                GelField.of(GelFrame(grid=grid, shear_mm=moved[:, :2], force_N=force, touching=on))
                 for moved, force, on in zip(
                     recorded.gel_displacement_mm[used] @ turn, forces, touching, strict=True
                 )

@@ -1,18 +1,24 @@
 """Closest points on a triangle surface, exactly, for many points at once."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 BAND = 0.7
 """Size of a band's smallest triangle over its largest's. Set by hand, for time alone: the answer is exact
 whatever the bands are."""
 LEAST_BAND = 0.05
 """Triangles smaller than this share of the largest are one band. Set by hand, as BAND."""
+
+FEW = 100
+"""Points up to this number are compared with every triangle: search trees would take longer to build. Set by
+hand, for time alone."""
 
 
 class Closest(NamedTuple):
@@ -28,28 +34,37 @@ class Closest(NamedTuple):
 class TriangleSearch:
     """A triangle surface made ready to be asked for closest points again and again.
 
-    `bands`: its triangles by size, each with the search tree of its middles: the large ones of a surface must
-    not make every small one that is as near be tried.
+    `centre`, `radius`: of balls that hold its triangles.
     """
 
     corner: Float[np.ndarray, "f 3 3"]
     centre: Float[np.ndarray, "f 3"]
     radius: Float[np.ndarray, " f"]
-    middles: cKDTree
-    bands: tuple[tuple[Int[np.ndarray, " _"], cKDTree, float], ...]
 
     @classmethod
     def of(cls, vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> "TriangleSearch":
-        """Bands, search trees and circumscribed balls of the triangles."""
+        """The triangles and their balls."""
         corner = vertices_mm[faces]
         centre = corner.mean(axis=1)
-        radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
-        band = np.ceil(np.log(np.maximum(radius / radius.max(), LEAST_BAND)) / np.log(BAND))
+        return cls(corner, centre, np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1))
+
+    @cached_property
+    def middles(self) -> cKDTree:
+        """The search tree of the triangles' middles."""
+        return cKDTree(self.centre)
+
+    @cached_property
+    def bands(self) -> tuple[tuple[Int[np.ndarray, " _"], cKDTree, float], ...]:
+        """The triangles by size, each band with the search tree of its middles, and its greatest radius.
+
+        The large ones of a surface must not make every small one that is as near be tried.
+        """
+        band = np.ceil(np.log(np.maximum(self.radius / self.radius.max(), LEAST_BAND)) / np.log(BAND))
         members = [np.flatnonzero(band == level) for level in np.unique(band)]
-        bands = tuple(
-            (triangles, cKDTree(centre[triangles]), float(radius[triangles].max())) for triangles in members
+        return tuple(
+            (triangles, cKDTree(self.centre[triangles]), float(self.radius[triangles].max()))
+            for triangles in members
         )
-        return cls(corner, centre, radius, cKDTree(centre), bands)
 
     def closest(self, points_mm: Float[np.ndarray, "p 3"]) -> Closest:
         """The closest point of the surface to each point, of several triangles as close the first.
@@ -59,13 +74,21 @@ class TriangleSearch:
         """
         if not len(points_mm):
             return Closest(np.empty(0, dtype=np.int64), points_mm.copy(), points_mm.copy(), np.empty(0))
-        bound, nearest = self.middles.query(points_mm)
+        few = len(points_mm) <= FEW
+        if few:
+            apart = cdist(points_mm, self.centre)
+            bound, nearest = apart.min(axis=1), apart.argmin(axis=1)
+        else:
+            bound, nearest = self.middles.query(points_mm)
         face = np.asarray(nearest, dtype=np.int64)
         best, weights = _closest_in_triangle(points_mm, self.corner[face])
         distance = np.linalg.norm(points_mm - best, axis=1)
         bound = np.minimum(bound, distance)
-        pairs = [self._within(points_mm, bound, *band) for band in self.bands]
-        owner, tried = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        if few:
+            owner, tried = np.nonzero(apart <= bound[:, None] + self.radius)
+        else:
+            pairs = [self._within(points_mm, bound, *band) for band in self.bands]
+            owner, tried = (np.concatenate(part) for part in zip(*pairs, strict=True))
         spot, spot_weights = _closest_in_triangle(points_mm[owner], self.corner[tried])
         reach = np.linalg.norm(points_mm[owner] - spot, axis=1)
         order = np.lexsort((tried, reach, owner))

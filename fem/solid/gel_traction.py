@@ -46,14 +46,46 @@ pitch."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class GelFrame:
-    """Measurements of one pad in one frame, in the pad's frame (mm, N).
+class MarkerGrid:
+    """The markers of a pad on the gel at rest, in the pad's frame (mm); it serves all frames.
 
-    `rest_mm`: markers on the gel at rest. `shear_mm`: their displacement in the plane. `force_N`: on the
-    fruit. `touching`: which of them touch.
+    `areas`: of gel that each marker represents (mm2). `pitch`: between neighbours. `hull`: of all markers.
     """
 
     rest_mm: Float[np.ndarray, "n 2"]
+    areas: Float[np.ndarray, " n"]
+    pitch: float
+    hull: Delaunay
+
+    @classmethod
+    def of(cls, rest_mm: Float[np.ndarray, "n 2"]) -> "MarkerGrid":
+        """Raises TOO_FEW_MARKERS if the markers are no grid."""
+        areas = cell_areas(rest_mm)
+        if (areas == 0).mean() > LONE:
+            raise FemFailure(
+                FemProblem.TOO_FEW_MARKERS,
+                f"{int((areas == 0).sum())} of {len(areas)} markers of a pad have no neighbours that "
+                "span an area with them, expected a grid. Without a grid, the gel area of each "
+                "marker is unknown",
+            )
+        pitch = float(np.sqrt(np.median(areas[areas > 0])))
+        return cls(
+            rest_mm=rest_mm,
+            areas=np.where(areas > 0, areas, pitch**2),
+            pitch=pitch,
+            hull=Delaunay(rest_mm),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelFrame:
+    """Measurements of one pad in one frame, in the pad's frame (mm, N).
+
+    `shear_mm`: displacement of the markers in the plane. `force_N`: on the fruit. `touching`: which of them
+    touch.
+    """
+
+    grid: MarkerGrid
     shear_mm: Float[np.ndarray, "n 2"]
     force_N: Float[np.ndarray, "n 3"]
     touching: Bool[np.ndarray, " n"]
@@ -83,42 +115,33 @@ class GelField:
 
     @classmethod
     def of(cls, gel: GelFrame) -> "GelField | None":
-        """None if nothing touches. Raises TOO_FEW_MARKERS if the markers are no grid."""
-        on = gel.touching
+        """None if nothing touches."""
+        on, grid = gel.touching, gel.grid
         if not on.any():
             return None
-        normal, areas = gel.force_N[on, 2], cell_areas(gel.rest_mm)
-        if (areas == 0).mean() > LONE:
-            raise FemFailure(
-                FemProblem.TOO_FEW_MARKERS,
-                f"{int((areas == 0).sum())} of {len(areas)} markers of a pad have no neighbours that "
-                "span an area with them, expected a grid. Without a grid, the gel area of each "
-                "marker is unknown",
-            )
-        pitch = float(np.sqrt(np.median(areas[areas > 0])))
-        areas = np.where(areas > 0, areas, pitch**2)
-        values = np.column_stack([gel.force_N / areas[:, None], gel.shear_mm])
+        normal, rest_mm, pitch = gel.force_N[on, 2], grid.rest_mm, grid.pitch
+        values = np.column_stack([gel.force_N / grid.areas[:, None], gel.shear_mm])
         shear = float(np.linalg.norm(gel.shear_mm[on], axis=1).max())
         reach = BEYOND * pitch
         margin = reach + shear
-        low, high = gel.rest_mm[on].min(axis=0) - margin, gel.rest_mm[on].max(axis=0) + margin
+        low, high = rest_mm[on].min(axis=0) - margin, rest_mm[on].max(axis=0) + margin
         x, y = (
             np.linspace(a, b, max(int(np.ceil((b - a) / pitch * GRID)) + 1, 4))
             for a, b in zip(low, high, strict=True)
         )
         places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-        known = _continued(gel.rest_mm, values, on, pitch)(places.reshape(-1, 2))
+        known = _continued(rest_mm, values, on, pitch)(places.reshape(-1, 2))
         across = make_interp_spline(x, known.reshape(*places.shape[:2], 5))
         along = make_interp_spline(y, across.c.swapaxes(0, 1))
         knots, values = (across.t, along.t), np.ascontiguousarray(along.c.swapaxes(0, 1))
-        near = cKDTree(gel.rest_mm[on])
-        rim = ~on & (near.query(gel.rest_mm)[0] < reach)
+        near = cKDTree(rest_mm[on])
+        rim = ~on & (near.query(rest_mm)[0] < reach)
         return cls(
             force_per_area=NdBSpline(knots, np.ascontiguousarray(values[..., :3]), 3),
             shear=NdBSpline(knots, np.ascontiguousarray(values[..., 3:]), 3),
             low_mm=low,
             high_mm=high,
-            hull=Delaunay(gel.rest_mm),
+            hull=grid.hull,
             near=near,
             signs=np.sign(normal),
             reach_mm=reach,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from fem.solid.gel_traction import GelField, GelFrame, nodal_force
+from fem.solid.gel_traction import GelField, GelFrame, MarkerGrid, nodal_force
 
 RADIUS_MM, PEAK_MPA, KT = 5.3, 0.2, 0.055
 
@@ -26,7 +26,7 @@ def gel(rest_mm: np.ndarray, cell_mm2: float, shear=(0.0, 0.0)) -> GelFrame:
     force = np.column_stack([np.zeros((len(rest_mm), 2)), pressure(rest_mm)]) * cell_mm2
     moved = on[:, None] * np.array(shear)
     force[:, :2] = KT * moved * cell_mm2
-    return GelFrame(rest_mm=rest_mm, shear_mm=moved, force_N=force, touching=on)
+    return GelFrame(grid=MarkerGrid.of(rest_mm), shear_mm=moved, force_N=force, touching=on)
 
 
 def flat_skin(edge_mm: float, way=(0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +92,7 @@ def test_a_rim_that_sticks_pulls():
     r2 = (rest**2).sum(axis=1)
     normal = np.where(r2 < 7.1**2, PEAK_MPA * (1 - r2 / RADIUS_MM**2), 0.0)
     frame = GelFrame(
-        rest_mm=rest,
+        grid=MarkerGrid.of(rest),
         shear_mm=np.zeros((len(rest), 2)),
         force_N=np.column_stack([np.zeros((len(rest), 2)), normal]) * 0.25,
         touching=r2 < 7.1**2,
@@ -109,7 +109,7 @@ def test_a_contact_that_reaches_the_border_of_the_grid_ends_with_it(pitch):
     rest = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     normal = PEAK_MPA * (1 + (rest**2).sum(axis=1) / 20) * pitch**2
     frame = GelFrame(
-        rest_mm=rest,
+        grid=MarkerGrid.of(rest),
         shear_mm=np.zeros((len(rest), 2)),
         force_N=np.column_stack([np.zeros((len(rest), 2)), normal]),
         touching=np.ones(len(rest), dtype=bool),
@@ -126,7 +126,7 @@ def test_few_markers_load_the_skin_with_about_their_force():
     on = np.linalg.norm(rest - rest[len(rest) // 2], axis=1) < 1.1  # five of them
     force = np.zeros((len(rest), 3))
     force[on, 2] = 0.05
-    frame = GelFrame(rest_mm=rest, shear_mm=np.zeros((len(rest), 2)), force_N=force, touching=on)
+    frame = GelFrame(grid=MarkerGrid.of(rest), shear_mm=np.zeros((len(rest), 2)), force_N=force, touching=on)
     assert load(frame, *flat_skin(0.8))[:, 2].sum() == pytest.approx(0.25, rel=0.1)
 
 
@@ -140,8 +140,8 @@ def test_the_force_of_a_rim_that_noise_hides_is_kept():
 def test_noise_of_markers_far_from_the_contact_loads_nothing():
     frame = gel(grid(1.0), 1.0)
     noisy = frame.force_N.copy()
-    at = frame.rest_mm[frame.touching]
-    away_mm = np.linalg.norm(frame.rest_mm[:, None] - at, axis=2).min(axis=1)
+    at = frame.grid.rest_mm[frame.touching]
+    away_mm = np.linalg.norm(frame.grid.rest_mm[:, None] - at, axis=2).min(axis=1)
     far = away_mm > 2.0  # pitches of 1 mm
     assert far.sum() > 20
     noisy[far] += 0.02 * PEAK_MPA

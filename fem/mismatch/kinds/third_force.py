@@ -62,13 +62,15 @@ class ThirdForce:
 class ForceBalance:
     """One recording's balance, projected on the functions phi_j of time, for all six force components.
 
-    `roots`: for each of FREEDOMS a square root of the amounts' covariance.
+    `touched_mm`: the markers that touch in any frame.
+    `roots_N`: for each of SCALES and FREEDOMS a square root of the amounts' covariance.
     `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
     """
 
     recording: GraspResponse
     courses: Float[np.ndarray, "j f"]
-    roots: tuple[Float[np.ndarray, "j j"], ...]
+    touched_mm: Float[np.ndarray, "n 3"]
+    roots_N: Float[np.ndarray, "k m m"]
     normal: Float[np.ndarray, "j 6 j 6"]
     pushed: Float[np.ndarray, "j 6"]
 
@@ -82,28 +84,29 @@ class ForceBalance:
         return cls(
             recording=recording,
             courses=courses,
-            roots=roots,
+            touched_mm=recording.tracks.place_mm[recording.touching.any(axis=0)],
+            roots_N=np.array(
+                [
+                    scale * peak_N(recording) * np.kron(root, np.diag([1.0, FRICTION, FRICTION]))
+                    for scale in SCALES
+                    for root in roots
+                ]
+            ),
             normal=white - held,
             pushed=-courses @ balance.weighed(balance.measured),
         )
 
     def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce | None:
         """The force at a place that best balances the recording; None if none does or it is rejected."""
-        if _is_under_a_pad(self.recording, place_mm):
-            return None
+        if (np.linalg.norm(self.touched_mm - place_mm, axis=1) < CLEAR_MM).any():
+            return None  # a pad touches there
         axes = axes_at(inward)
         arms = np.vstack([axes, np.cross(place_mm - self.recording.centre_mm, axes.T).T / ARM_MM])
         count = 3 * len(self.courses)
         half = (self.normal @ arms).reshape(-1, 6, count)
         normal = (arms.T @ half).reshape(count, count)
         pushed = (self.pushed @ arms).ravel()
-        shares = np.diag([1.0, FRICTION, FRICTION])
-        posteriors = [
-            _posterior(normal, pushed, scale * peak_N(self.recording) * np.kron(root, shares))
-            for scale in SCALES
-            for root in self.roots
-        ]
-        amounts, covariance, evidence, volume = max(posteriors, key=lambda posterior: posterior[2])
+        amounts, covariance, evidence, volume = _likeliest(normal, pushed, self.roots_N)
         local = self.courses.T @ amounts.reshape(-1, 3)
         pulls = self.recording.load @ local[:, 0] <= 0
         slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])
@@ -113,26 +116,23 @@ class ForceBalance:
         return ThirdForce(force_N=local @ axes.T, sd_N=np.sqrt(spread), evidence=evidence, volume=volume)
 
 
-def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
-    """Whether a pad touches there in any frame."""
-    touched = (recording.touching).any(axis=0)
-    away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
-    return bool((away < CLEAR_MM).any())
-
-
-def _posterior(
-    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], root_N: Float[np.ndarray, "m m"]
+def _likeliest(
+    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], roots_N: Float[np.ndarray, "k m m"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
     """Posterior mean of the amounts (per phi_j normal, two tangential), covariance, ln evidence, volume.
 
-    `root_N`: square root of the prior covariance of the amounts.
+    `roots_N`: square roots of prior covariances of the amounts. The one of greatest evidence counts.
     """
-    pushes = root_N.T @ pushed
-    precision = np.eye(len(pushes)) + root_N.T @ normal @ root_N
-    unit = np.linalg.solve(precision, pushes)
-    width = -np.linalg.slogdet(precision)[1]
-    covariance = root_N @ np.linalg.solve(precision, root_N.T)
-    return root_N @ unit, covariance, float((unit @ pushes + width) / 2), float((width - unit @ unit) / 2)
+    turned = roots_N.transpose(0, 2, 1)
+    pushes = turned @ pushed
+    precision = np.eye(len(pushed)) + turned @ normal @ roots_N
+    units = np.linalg.solve(precision, pushes[..., None])[..., 0]
+    widths = -np.linalg.slogdet(precision)[1]
+    evidences = ((units * pushes).sum(axis=1) + widths) / 2
+    best = int(evidences.argmax())
+    root_N, unit, width = roots_N[best], units[best], widths[best]
+    covariance = root_N @ np.linalg.solve(precision[best], root_N.T)
+    return root_N @ unit, covariance, float(evidences[best]), float((width - unit @ unit) / 2)
 
 
 def _courses(
