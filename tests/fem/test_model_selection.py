@@ -37,6 +37,7 @@ class Round:
     lost: tuple[str, ...] = ()
     pads: dict[str, float] = field(default_factory=dict)
     asked: list[str] = field(default_factory=list)
+    begun: dict[str, str | None] = field(default_factory=dict)
 
     def explanations(self) -> list[Hypothesis]:
         hypotheses = [Hypothesis(name=NONE, gain=0.0, misfit=self.none_leaves)]
@@ -50,9 +51,10 @@ class Round:
             return [fit(name, self.gains.get(name, 10.0))]
         return [fit(name, gain, variant=of_pad(pad)) for pad, gain in self.pads.items() if pad != name]
 
-    def refit(self, _forward, _linear, fits):
+    def refit(self, _forward, _linear, fits, first):
         name = "+".join(sorted(linear_fit.name for linear_fit in fits))
         self.asked.append(name)
+        self.begun[name] = None if first is None else first.name
         variant = fits[0].signature.variant
         pad = variant.pad
         if {name, pad} & set(self.fails):
@@ -206,3 +208,6 @@ def test_pairs_wait_for_the_single_effects(selected):
     selected(case)
     assert case.asked[0] == "skin"
     assert len(case.asked) == MOST_REFITS
+    assert case.begun == dict.fromkeys(case.asked, "skin") | {"skin": None}, (
+        "pairs begin at its model"
+    )
