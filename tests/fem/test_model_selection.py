@@ -208,6 +208,4 @@ def test_pairs_wait_for_the_single_effects(selected):
     selected(case)
     assert case.asked[0] == "skin"
     assert len(case.asked) == MOST_REFITS
-    assert case.begun == dict.fromkeys(case.asked, "skin") | {"skin": None}, (
-        "pairs begin at its model"
-    )
+    assert case.begun == dict.fromkeys(case.asked, "skin") | {"skin": None}, "pairs begin at its model"
