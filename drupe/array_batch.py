@@ -124,7 +124,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
             return value.tolist()
         if isinstance(value, Path | date):
             return str(value)
-        raise DrupeError(f"settings: found {value!r}, expected a number, text, list or table")
+        raise DrupeError(f"settings: found {value!r}, expected a number, text, date, list or table")
 
     if not isinstance(settings, Mapping):
         raise DrupeError(f"settings: found {type(settings).__name__}, expected a table of keys and values")

@@ -73,9 +73,8 @@ def forms_of(trace: IndenterTrace) -> dict[str, tuple[TraceEffect, ...]]:
 
 
 TIME_IS_TRAVEL = (
-    "the tool only advances, at one speed, and hardly any frame is before first touch. A drift then looks "
-    f"like another E. E's error bar includes the load cell's usual drift. Record {FEWEST} frames in the air, "
-    "or a hold"
+    "few frames are in the air or at rest, and speeds differ little. A drift then looks like another E. E's "
+    f"error bar includes the load cell's usual drift. Record more than {FEWEST} frames in the air or at rest"
 )
 
 

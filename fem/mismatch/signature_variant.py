@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 Way: TypeAlias = tuple[str, bool | None]
+"""A pad, empty for none, and whether a loose pit turns."""
 
 
 @dataclass(frozen=True, kw_only=True)

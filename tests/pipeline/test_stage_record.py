@@ -104,3 +104,9 @@ def test_of_a_meshs_quality_only_what_is_known_is_written():
     known = {"views_given": 0, "views_used": 0, "relief_share": 0.0, "flipped_views": 0}
     assert record.model_dump()["quality"] == known
     assert MeshRecord.model_validate_json(record.model_dump_json()) == record
+
+
+def test_a_record_whose_array_is_missing_is_none():
+    text, arrays = whole().stored()
+    with pytest.raises(ValueError, match="missing"):
+        Whole.restored(text, {name: a for name, a in arrays.items() if name != "faces"})

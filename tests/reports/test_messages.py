@@ -6,16 +6,13 @@ import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 import pytest
 import typer
+from fake_explanation import fake_explanation
 from message_templates import ROOT, modules, templates
 from report_batches import batch_of, graded_fruit
 from rich.console import Console
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
-from fake_explanation import fake_explanation
 
 from fem.estimation.modulus_warnings import warnings_of
 from fem.grasp_history import GraspHistory

@@ -127,7 +127,8 @@ def _in_full(
             failed = AT_AN_END
             continue
         gain = _gain(linear, again)
-        gains[way] = gain if again.converged else max(gain, fits[0].gain)
+        signature = hypothesis.gain if len(fits) > 1 else fits[0].gain
+        gains[way] = gain if again.converged else max(gain, signature)
         refits.append((gain, again))
     if not refits:
         return replace(hypothesis, tenable=False), failed
@@ -138,7 +139,7 @@ def _in_full(
     is_pair = len(hypothesis.linear_fits) > 1
     return replace(
         hypothesis,
-        gain=most if is_pair else _over_ways(linear, hypothesis.name, gains),
+        gain=max(gains.values()) if is_pair else _over_ways(linear, hypothesis.name, gains),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
