@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from reports.figures import webp_of
 from reports.language import decimals, say
+from reports.messages import message
 from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
@@ -224,7 +225,8 @@ def _key(axes: Axes, limit: float, style: MapStyle, pads: Sequence[str]) -> None
         axes.text(x, 4.9, decimals(f"{value:.3g}"), ha="center", va="top", fontsize=8.5, color="#535b66")
     axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=INK)
     axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=INK)
-    marks = [(style.unseen, GREY), *((f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads))]
+    named = ((f"{say('pad')} {message(pad)}", PADS[k % len(PADS)]) for k, pad in enumerate(pads))
+    marks = [(style.unseen, GREY), *named]
     for k, (words, colour) in enumerate(marks):
         x, y = (56, 7.0) if k == 0 else (56 + 15 * (k - 1), 2.2)
         axes.plot([x], [y], marker="o", ms=7, color=colour)
