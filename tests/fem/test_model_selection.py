@@ -55,13 +55,13 @@ class Round:
         name = "+".join(sorted(linear_fit.name for linear_fit in fits))
         self.asked.append(name)
         self.begun[name] = None if first is None else first.name
-        variant = fits[0].signature.variant
-        pad = variant.pad
+        variants = tuple(linear_fit.signature.variant for linear_fit in fits)
+        pad = "".join(variant.pad for variant in variants)
         if {name, pad} & set(self.fails):
             raise FemFailure(FemProblem.NOT_CONVERGED, "no such flesh")
         return SimpleNamespace(
             name=name,
-            variants=(variant,),
+            variants=variants,
             log_evidence=self.evidence.get(pad or name, self.gains.get(name, 5.0)),
             converged=name not in self.lost,
             at_an_end=tuple(linear_fit.name in self.at_an_end for linear_fit in fits),
@@ -209,3 +209,14 @@ def test_pairs_wait_for_the_single_effects(selected):
     assert case.asked[0] == "skin"
     assert len(case.asked) == MOST_REFITS
     assert case.begun == dict.fromkeys(case.asked, "skin") | {"skin": None}, "pairs begin at its model"
+
+
+@pytest.mark.parametrize("better", ["left", "right"])
+def test_a_pair_gains_what_its_best_pad_gains(selected, better):
+    case = Round(
+        {"skin": 40.0, "sensor_gain": 13.0, "skin+sensor_gain": 60.0},
+        pads={"sensor_gain": 0.0, "left": 12.0, "right": 11.0},
+        evidence={"left": 20.0, "right": 20.0, better: 55.0},
+    )
+    pair = next(each for each in selected(case).ranking if each.name == "skin+sensor_gain")
+    assert pair.gain == 55.0

@@ -275,6 +275,14 @@ def test_a_unit_in_a_name_is_taken_and_what_must_be_known_of_it_is_said(
     assert words in converted(tmp_path, source, "--columns", columns, *options)
 
 
+def test_a_unit_that_is_not_known_is_never_proposed_as_ours(tmp_path: Path) -> None:
+    source = written(tmp_path, TIMES, PRESSED, GONE, header="Time (s),Load (klumps),Pos (mm)")
+    columns = "time=Time (s),force=Load (klumps),travel=Pos (mm)"
+    said = refused(tmp_path, source, "--columns", columns)
+    assert "--units force=UNIT" in said
+    assert "force=N" not in said
+
+
 @pytest.mark.parametrize("header", ["", "time_s,travel_mm,force_N\n"])
 @pytest.mark.parametrize("runs", [2, 3, 5])
 def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
@@ -339,11 +347,3 @@ def test_every_fault_of_a_table_without_a_usable_run_is_named(tmp_path: Path) ->
 @pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
 def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
     assert "the number of a run (from 1), or all" in refused(tmp_path, written(tmp_path), f"--run={text}")
-
-
-def test_a_unit_that_is_not_known_is_never_proposed_as_ours(tmp_path: Path) -> None:
-    source = written(tmp_path, TIMES, PRESSED, GONE, header="Time (s),Load (klumps),Pos (mm)")
-    columns = "time=Time (s),force=Load (klumps),travel=Pos (mm)"
-    said = refused(tmp_path, source, "--columns", columns)
-    assert "--units force=UNIT" in said
-    assert "force=N" not in said

@@ -38,6 +38,15 @@ def test_what_was_read_is_not_read_again(added, monkeypatch):
     assert lines.new() == ["second"]
 
 
+def test_of_much_the_last_is_read_and_the_file_is_emptied(added):
+    add, lines = added
+    add(b"x" * 3 * MOST_BYTES + b"\nlast\n")
+    assert lines.new()[-1] == "last"
+    assert lines.path.stat().st_size == 0
+    add(b"next\n")
+    assert lines.new() == ["next"]
+
+
 def test_a_line_without_end_does_not_stay(added):
     add, lines = added
     for _ in range(8):
@@ -46,12 +55,3 @@ def test_a_line_without_end_does_not_stay(added):
         assert lines.path.stat().st_size <= 2 * MOST_BYTES
     add(b"\nlast\n")
     assert lines.new()[-1] == "last"
-
-
-def test_of_much_the_last_is_read_and_the_file_is_emptied(added):
-    add, lines = added
-    add(b"x" * 3 * MOST_BYTES + b"\nlast\n")
-    assert lines.new()[-1] == "last"
-    assert lines.path.stat().st_size == 0
-    add(b"next\n")
-    assert lines.new() == ["next"]

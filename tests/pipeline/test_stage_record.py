@@ -62,6 +62,12 @@ def test_another_shape_or_type_a_field_too_few_or_too_many_is_refused(wrong):
         Part(**wrong)
 
 
+def test_a_record_whose_array_is_missing_is_none():
+    text, arrays = whole().stored()
+    with pytest.raises(ValueError, match="missing"):
+        Whole.restored(text, {name: a for name, a in arrays.items() if name != "faces"})
+
+
 def grasp_model(rng, markers=3):
     half = rng.normal(size=(3 * markers, 3 * markers))
     return GraspModel(
@@ -104,9 +110,3 @@ def test_of_a_meshs_quality_only_what_is_known_is_written():
     known = {"views_given": 0, "views_used": 0, "relief_share": 0.0, "flipped_views": 0}
     assert record.model_dump()["quality"] == known
     assert MeshRecord.model_validate_json(record.model_dump_json()) == record
-
-
-def test_a_record_whose_array_is_missing_is_none():
-    text, arrays = whole().stored()
-    with pytest.raises(ValueError, match="missing"):
-        Whole.restored(text, {name: a for name, a in arrays.items() if name != "faces"})

@@ -113,13 +113,13 @@ def _in_full(
     reason. `in_full`: explanations with a full model, by name; a pair begins where its first effect ended.
     """
     refits, failed = list[tuple[float, Refit]](), ""
-    gains = dict[Way, float]()
+    gains = dict[tuple[Way, ...], float]()
     ended = _ended(hypothesis, in_full)
     for fits in product(*(_ways_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
-        way = fits[0].signature.variant.way
-        gains[way] = -np.inf
+        ways = tuple(fit.signature.variant.way for fit in fits)
+        gains[ways] = -np.inf
         try:
-            again = refit(model, linear, fits, first=ended.get(way))
+            again = refit(model, linear, fits, first=ended.get(ways[0]))
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -128,7 +128,7 @@ def _in_full(
             continue
         gain = _gain(linear, again)
         signature = hypothesis.gain if len(fits) > 1 else fits[0].gain
-        gains[way] = gain if again.converged else max(gain, signature)
+        gains[ways] = gain if again.converged else max(gain, signature)
         refits.append((gain, again))
     if not refits:
         return replace(hypothesis, tenable=False), failed
@@ -137,9 +137,10 @@ def _in_full(
     kept = [(share, again) for share, again in weight if share >= NEGLIGIBLE]
     total = 1 + sum(share for share, _ in kept)
     is_pair = len(hypothesis.linear_fits) > 1
+    by_way = {ways[0]: gain for ways, gain in gains.items()}
     return replace(
         hypothesis,
-        gain=max(gains.values()) if is_pair else _over_ways(linear, hypothesis.name, gains),
+        gain=max(gains.values()) if is_pair else _over_ways(linear, hypothesis.name, by_way),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
