@@ -96,11 +96,12 @@ def _by_pad(path: Path, held: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """
     stacked = [name for name in OF_A_PAD if name in held]
     for field in stacked:
+        where, shape = f"{path.name}: {field}", f"shape {held[field].shape}"
         names = PADS.get(len(held[field]) if held[field].ndim else 0)
-        if names is None or held[field].shape[:1] != held[stacked[0]].shape[:1]:
-            raise unusable(
-                f"{path.name}: {field}", f"shape {held[field].shape}", "2 pads or 1 as its first axis"
-            )
+        if names is None:
+            raise unusable(where, shape, "2 pads or 1 as its first axis")
+        if len(names) != len(held[stacked[0]]):
+            raise unusable(where, shape, f"as many pads as {stacked[0]}, {len(held[stacked[0]])}")
         held |= {f"pads/{name}/{field}": values for name, values in zip(names, held[field], strict=True)}
     return held
 

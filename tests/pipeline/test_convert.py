@@ -95,7 +95,7 @@ def test_an_archive_with_the_pads_as_first_axis_is_read_as_python_reads_it(tmp_p
     np.savez(tmp_path / "b.npz", **arrays | {"force_N": arrays["force_N"][:1]})
     code, said = run(tmp_path / "b.npz", tmp_path / "b.h5", "--sensor", tmp_path / "s.toml")
     assert code != 0
-    assert "b.npz: force_N: found shape (1, 47, 400, 3), expected 2 pads or 1 as its first axis" in said
+    assert "b.npz: force_N: found shape (1, 47, 400, 3), expected as many pads as rest_mm, 2" in said
 
 
 FIELDS_OF_A_PAD = ("rest_mm", "displacement_mm", "force_N", "pose")
