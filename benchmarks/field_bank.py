@@ -23,8 +23,8 @@ from samples.fruit import SampleFruit, SamplePit, fruit_of_seed, scanned_mesh, s
 from samples.grasp_plan import PlannedGrasp, hold_along, two_cycles
 from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import Category, drawn_fruit
+from samples.sample_batch import simulate
 from samples.sample_failure import SampleFailure
-from samples.simulated_grasp import simulate
 from tactile.readers.recording import Recording, write_recording
 
 FINENESS = Fineness(degrees=(0, 5, 10, 15, 28, 45), along=3, depths=(0, 0.2, 0.5, 1))

@@ -25,9 +25,9 @@ from recon.pit.priors import load_prior
 from tactile.consistency.faults import OF_PEAK, share_at_edge
 from tactile.consistency.footprint import Footprint, footprint, mesh_misfits
 from tactile.consistency.misfit import LIMIT, Situation
+from tactile.consistency.of_recording import drift_of, pressed_share
 from tactile.consistency.pressing import Pressing, noise_shares, pressing_of
 from tactile.consistency.relations import gain_of, signal_misfits
-from tactile.consistency.time_findings import drift_of, pressed_share
 from tactile.readers.recording import GelPad
 
 

@@ -23,8 +23,8 @@ from script import Half, in_half, run
 from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.grasp_plan import PlannedGrasp, hold_along, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
+from samples.sample_batch import simulate
 from samples.sample_failure import SampleFailure
-from samples.simulated_grasp import simulate
 from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
 
 STIFF = Gel(kn_MPa_per_mm=20.0, kt_MPa_per_mm=8.0)

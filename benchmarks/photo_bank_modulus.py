@@ -9,7 +9,7 @@ nothing with the tetrahedra that grading makes from the photos. The recordings, 
 mat.json become a batch folder, on which `drupe grade` runs as a process of its own: cameras, mesh, pit and
 modulus all come from what a user would hand in, but for Poisson's ratio: batch.toml states the true one.
 The pit that grading assumes is the prior of the kind of fruit (recon/pit/priors), not the true pit. The
-bank's pits scatter (samples/scenes/scene_fruit.py; 1 % of the half box per axis, 4 % in size) exactly about
+bank's pits scatter (samples/scenes/draw.py; 1 % of the half box per axis, 4 % in size) exactly about
 the prior's proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box
 from the prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger than the prior. So
 for nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no
@@ -41,8 +41,8 @@ from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, SamplePit, Skin, box_mm
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
+from samples.sample_batch import simulate
 from samples.sample_failure import NotInEquilibrium
-from samples.simulated_grasp import simulate
 from tactile.readers.recording import write_recording
 
 MOST_ERROR_PERCENT = 2.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from pipeline.files.plain_file import printable
+from pipeline.files.plain_file import listed, printable
 
 T = TypeVar("T")
 MOST_KNOWN = 12
@@ -70,16 +70,6 @@ def nearest(written: str, known: Iterable[str], otherwise: str, *, cutoff: float
     """A question with the known name that is most similar; `otherwise` if none is similar enough."""
     near = difflib.get_close_matches(written, list(known), n=1, cutoff=cutoff)
     return f'did you mean "{near[0]}"?' if near else otherwise
-
-
-def listed(names: Sequence[str], most: int) -> str:
-    """The first `most` names, separated by commas, and the number of the others.
-
-    >>> listed(["a", "b", "c"], 2)
-    'a, b and 1 more'
-    """
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 def known_names(written: str, known: Sequence[str], what: str, plural: str) -> str:

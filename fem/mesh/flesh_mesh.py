@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fem.elements.shape_functions import (
@@ -19,11 +21,52 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.boundary_fit import pull, t4_jacobians, t10_jacobians
 from fem.mesh.closed_surface import Surface, checked_surface, must_enclose, must_lie_on, split_boundary
 from fem.mesh.closest_point import TriangleSearch
-from fem.mesh.contact_size import contact_size
 from fem.mesh.creases import corner_targets, middle_targets
 from fem.mesh.local_refinement import affordable_size, bisected
 from fem.mesh.tetrahedra import boundary_faces, with_mid_edges
 from fem.mesh.tetwild import fill, simplified
+
+#: edges in a contact, and how far around it they stay as short, as shares of its width
+EDGE_SHARE, RADIUS_SHARE = 0.2, 0.1
+#: edges in a contact of any size, mm
+SHORTEST_MM, LONGEST_MM = 0.2, 1.7
+#: points closer than this, or than this many times the usual distance to the next one, share a contact
+GAP_MM, GAPS = 3.0, 1.5
+
+
+def contact_size(
+    points_mm: Float[np.ndarray, "q 3"],
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+    """Edge length wanted at each contact point, and the distance from it up to which it is: both in mm.
+
+    Points that lie together make one contact. Its width is the least extent along the surface; a single
+    point or a line counts as 1 mm wide.
+    """
+    width = np.empty(len(points_mm))
+    contact = _together(points_mm)
+    for k in range(contact.max() + 1):
+        width[contact == k] = _width_mm(points_mm[contact == k])
+    return np.clip(EDGE_SHARE * width, SHORTEST_MM, LONGEST_MM), RADIUS_SHARE * width
+
+
+def _together(points_mm: Float[np.ndarray, "q 3"]) -> np.ndarray:
+    """A number for each point, the same for those that chains of short gaps join."""
+    tree = cKDTree(points_mm)
+    apart = np.asarray(tree.query(points_mm, k=[min(2, len(points_mm))])[0])
+    reach = max(GAP_MM, GAPS * float(np.median(apart)))
+    pairs = tree.query_pairs(reach, output_type="ndarray")
+    near = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=2 * (len(points_mm),))
+    return np.asarray(connected_components(near, directed=False)[1])
+
+
+def _width_mm(points_mm: Float[np.ndarray, "q 3"]) -> float:
+    """The least extent in any direction along the plane of the points (to 2 %), at least 1 mm."""
+    off = points_mm - points_mm.mean(axis=0)
+    plane = np.linalg.svd(off, full_matrices=True)[2][:2]
+    turn = np.radians(np.arange(0, 180, 2))
+    extent = np.ptp(off @ (np.column_stack([np.cos(turn), np.sin(turn)]) @ plane).T, axis=0)
+    return max(float(extent.min()), 1.0)
+
 
 QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 """Nodes of the four flat triangles that stand for a T6."""
@@ -96,7 +139,7 @@ def tetrahedralise(
     Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach,
     and 0.4 of that on sharp edges of the pit. Within refine_radius_mm of the points refine_at_mm edges are
     about refine_edge_mm, growing gently beyond; both follow the width of the contact that the points cover
-    where neither is given (fem.mesh.contact_size): cover it. Both may be given for each point. All these are
+    where neither is given (fem.mesh.flesh_mesh): cover it. Both may be given for each point. All these are
     longer where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
     Boundary nodes lie on the surfaces as given, not on the mesher's simplification of them. Both volumes are
     measured against the surfaces' own. Two runs give meshes alike, not the same ones (see fem.mesh.tetwild).

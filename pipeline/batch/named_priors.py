@@ -6,7 +6,8 @@ from pathlib import Path
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.settings import NO_PIT, Settings
-from pipeline.problem import BatchRefused, Problem, gathered, listed, nearest, refused
+from pipeline.files.plain_file import listed
+from pipeline.problem import BatchRefused, Problem, gathered, nearest, refused
 from recon.pit.placement import load_pit
 from recon.pit.priors import PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure

@@ -17,10 +17,10 @@ from pipeline.batch.named_priors import own_files
 from pipeline.batch.scratch import moved_in, scratch
 from pipeline.batch.settings import Settings
 from pipeline.batch.settings_file import read_settings
-from pipeline.files.plain_file import not_plain
+from pipeline.files.plain_file import listed, not_plain
 from pipeline.files.toml_text import as_toml, toml_value
 from pipeline.files.whole_file import NotWritten
-from pipeline.problem import BatchRefused, Problem, listed
+from pipeline.problem import BatchRefused, Problem
 from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
 from recon.learned.onnx_file import model_files

@@ -182,7 +182,7 @@ class Photos(Strict):
 class MeshSettings(Strict):
     """Longest element edges in mm: in the bulk of the flesh, and under the pads.
 
-    `pad_edge_mm`: by default a fifth of each contact's width and at most 1.7 mm (fem.mesh.contact_size).
+    `pad_edge_mm`: by default a fifth of each contact's width and at most 1.7 mm (fem.mesh.flesh_mesh).
     """
 
     edge_mm: Annotated[float, Field(ge=1, le=20)] = 5.0

@@ -12,8 +12,8 @@ from pathlib import Path
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.input_names import MESHES, RECORDINGS, entries_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
-from pipeline.files.plain_file import not_plain
-from pipeline.problem import Problem, listed
+from pipeline.files.plain_file import listed, not_plain
+from pipeline.problem import Problem
 from recon.cameras.photos import SUFFIXES as PHOTOS
 
 ADVICE = {

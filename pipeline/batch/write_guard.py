@@ -12,9 +12,9 @@ from pathlib import Path
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.results_lock import LOCK
 from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, not_ours_sentence, was_ours
-from pipeline.files.plain_file import not_plain
+from pipeline.files.plain_file import listed, not_plain
 from pipeline.files.whole_file import MARK
-from pipeline.problem import BatchRefused, Problem, listed, refused
+from pipeline.problem import BatchRefused, Problem, refused
 
 
 def require_results_place(root: Path, batch: BatchFolder) -> None:

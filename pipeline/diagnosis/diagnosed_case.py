@@ -15,8 +15,9 @@ from pipeline.batch.opening import Batch, open_batch
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict
 from pipeline.batch.settings_file import read_toml
 from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.files.plain_file import listed
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
-from pipeline.problem import BatchRefused, Problem, known_names, listed, nearest, refused
+from pipeline.problem import BatchRefused, Problem, known_names, nearest, refused
 from pipeline.run.checking import implausible
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure

@@ -2,13 +2,15 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from fem.fem_failure import FemFailure
+from fem.mismatch.catalogue import SPECS
 from pipeline.batch.cache import file_hash
 from pipeline.batch.layout import CaseFolder, FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch
@@ -26,8 +28,7 @@ from pipeline.batch.write_guard import (
 )
 from pipeline.diagnosis.apply_to_settings import applied
 from pipeline.diagnosis.diagnosed_case import Case, open_case
-from pipeline.diagnosis.diagnosis import finding
-from pipeline.diagnosis.explain_entry import explain_entry
+from pipeline.diagnosis.diagnosis import Diagnosis, finding
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in
@@ -38,10 +39,89 @@ from pipeline.problem import refused
 from pipeline.run.batch_run import require_same_batch, utc_now
 from pipeline.run.grading import read_files
 from recon.recon_failure import ReconFailure
-from reports.explain_entries import FORMAT, ExplainEntry
+from reports.explain_entries import FORMAT, EffectEntry, ExplainEntry
 from reports.explain_page import explain_html, page_title
 from reports.language import ENGLISH, LANGUAGES
 from tactile.tactile_failure import TactileFailure
+
+OF_A_TRACE = {
+    "onset_mm": "travel at first contact",
+    "zero_N": "load cell reading before first contact",
+    "toe_mm": "travel over which an end that is not parallel to its plate comes into contact",
+    "ends_held": "ends of the specimen: 0 slide, 1 are held",
+    "yeoh_second": "law of Yeoh: C2 / C1",
+    "yeoh_third": "law of Yeoh: C3 / C1",
+    "ogden_power": "law of Ogden: exponent of a term",
+    "ogden_weight_2": "law of Ogden: share of the second term in the initial stiffness",
+}
+"""Parameters that only the curve of a bare indenter has; they belong to no effect."""
+
+
+def explain_entry(
+    diagnosis: Diagnosis,
+    *,
+    case: str,
+    category: str,
+    seconds: Mapping[str, float],
+    inputs: Mapping[str, str],
+    versions: Mapping[str, str],
+    made: datetime,
+    applied: str = "",
+) -> ExplainEntry:
+    """All output on one case. Fields of the explanation are copied by name (`seconds` excepted)."""
+    answer = diagnosis.explanation
+    verdict = (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
+    known = {field.name: getattr(answer, field.name) for field in fields(answer)}
+    return ExplainEntry(
+        **known
+        | {
+            "verdict": verdict,
+            "left_out": tuple(diagnosis.grasps[k] for k in answer.left_out),
+            "seconds": seconds,
+            "case": case,
+            "category": category,
+            "grasps": diagnosis.grasps,
+            "applied": applied or None,
+            "inputs": inputs,
+            "versions": versions,
+            "made_utc": made,
+            "effects": effect_entries([*verdict, *(candidate.effect for candidate in answer.ranking)]),
+            "parameter_words": {
+                candidate.effect: {
+                    name: parameter_words(candidate.effect, name) for name in candidate.parameters
+                }
+                for candidate in answer.ranking
+            },
+            "contacts_mm": diagnosis.contacts_mm,
+            "facts": diagnosis.facts,
+            "doubts": diagnosis.doubts,
+            "scale_sd": diagnosis.scale_sd,
+        }
+    )
+
+
+def effect_entries(names: Iterable[str]) -> dict[str, EffectEntry]:
+    """Words of all single effects in these names, those of pairs included, that the catalogue has."""
+    single = dict.fromkeys(part for name in names for part in name.split("+"))
+    return {name: EffectEntry(**vars(SPECS[name].words)) for name in single if name in SPECS}
+
+
+def parameter_words(effect: str, name: str) -> str:
+    """The meaning of a parameter of an effect or pair, where it may be named "effect.parameter".
+
+    Further ones of a kind have the words of the first; unknown ones have their own name.
+
+    >>> parameter_words("viscoelastic", "tau_2_s")
+    'time over which it fades'
+    """
+    part, _, parameter_name = name.rpartition(".")
+    specs = [
+        SPECS[effect_name] for effect_name in ([part] if part else effect.split("+")) if effect_name in SPECS
+    ]
+    known = (spec.parameter(parameter_name) for spec in specs)
+    words = next((parameter.words for parameter in known if parameter is not None), None)
+    of_trace = next((said for prefix, said in OF_A_TRACE.items() if parameter_name.startswith(prefix)), None)
+    return words or of_trace or name.replace("_", " ")
 
 
 class NotExplained(Exception):

@@ -7,6 +7,7 @@ import re
 import stat
 import tomllib
 import unicodedata
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -200,6 +201,16 @@ def size(count: int) -> str:
     ('2 MB', '64 kB')
     """
     return f"{count / 1e6:g} MB" if count >= 1_000_000 else f"{count / 1e3:g} kB"
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """The first `most` names, separated by commas, and the number of the others.
+
+    >>> listed(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def printable(text: str) -> str:

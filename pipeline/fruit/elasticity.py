@@ -24,9 +24,8 @@ from fem.parallel_map import parallel_map
 from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadPlaces, pad_places
-from pipeline.batch.cache import cached, content_hash, stage_key
+from pipeline.batch.cache import StageRecord, cached, content_hash, stage_key
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
-from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from pipeline.files.limited_memory import return_freed_memory
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections

@@ -1,9 +1,10 @@
 """A fruit prepared for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from jaxtyping import Float
@@ -12,27 +13,72 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.sparse.solver import solver_name
-from pipeline.batch.layout import in_order, write_whole
+from pipeline.batch.cache import StageRecord, cached, file_hash, stage_key
+from pipeline.batch.layout import in_order, raw_grasp_files, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
 from pipeline.files.limited_memory import return_freed_memory
 from pipeline.files.plain_file import printable
+from pipeline.files.whole_file import put
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
-from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from recon.surface.ray_mesh import SEEN_BY
 from reports.grasp_record import GraspRecord
 from tactile.consistency.finding import Finding
-from tactile.readers.recording import Recording
+from tactile.from_frames import recording_of
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import Recording, write_recording
 from tactile.tactile_failure import TactileFailure
+
+
+class KeptRecording(StageRecord):
+    """The stage "frames of NAME": SHA-256 of the `.h5` beside it, made from a raw grasp, and notes on how."""
+
+    sha256: str
+    notes: tuple[str, ...]
+
+
+def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> tuple[Path, tuple[str, ...]]:
+    """The recording of the raw grasp in `folder`, and notes; made only if its files or the code changed.
+
+    `report` gets each pad's progress. Raises TactileFailure that names the file and the field.
+    """
+    key = stage_key(
+        "raw grasp", files=raw_grasp_files(folder), settings=None, rooms=("tactile", "pipeline/files")
+    )
+
+    name = f"frames of {folder.name}"
+    path = cache / f"{name}.h5"
+
+    def compute() -> KeptRecording:
+        made = recording_of(read_raw_grasp(folder), progress=_in_quarters(folder.name, report))
+        with TemporaryDirectory() as scratch:
+            draft = Path(scratch) / "grasp.h5"
+            write_recording(draft, made.recording)
+            put(path, draft.read_bytes())
+        return KeptRecording(sha256=file_hash(path), notes=made.notes)
+
+    kept = cached(cache, name, key, compute, record=KeptRecording)
+    if file_hash(path) != kept.sha256:  # removed or changed since
+        kept = compute()
+    return path, kept.notes
+
+
+def _in_quarters(grasp: str, report: Callable[[str], None]) -> Callable[[str, int, int], None]:
+    def progress(pad: str, done: int, total: int) -> None:
+        if done in (0, total) or done * 4 // total != (done - 1) * 4 // total:
+            report(f"{grasp}: {pad}, frame {done} of {total}")
+
+    return progress
+
 
 FOOT_MM = 0.5
 """Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""

@@ -11,12 +11,11 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.screen import Screened, screen
 from fem.solid.linear_solid import Support, UnitModulusSolid
-from pipeline.batch.cache import cached, content_hash, stage_key
+from pipeline.batch.cache import StageRecord, cached, content_hash, stage_key
 from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.records import AmountRecord, ScreenRecord, SuspectedRecord
-from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_effects import in_the_model
 from pipeline.fruit.grasped import GraspedFruit

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from pipeline.batch.stage_record import StageRecord
+from pipeline.batch.cache import StageRecord
 from pipeline.batch.task import FruitTask
+from pipeline.files.plain_file import listed
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.photos import Photo, read_photos
 from recon.cameras.view_plan import missing_views
@@ -21,7 +22,6 @@ from recon.learned.fruit_model import SHIPPED
 from recon.surface.orientation import to_fruit_frame
 from recon.surface.ray_mesh import RayMesh
 from recon.underside import with_underside
-from recon.wording import listed
 from reports.outlined_photos import OutlinedPhoto, outline_sheet_jpeg, outlined_photo_jpeg
 from reports.photo import thumbnail_jpeg
 from reports.skin_texture import SkinPhoto, skin_texture

@@ -9,13 +9,13 @@ from itertools import groupby
 import numpy as np
 from scipy.stats import norm
 
+from pipeline.files.plain_file import listed
 from pipeline.history.appraisers import comparisons, gripper_of
 from pipeline.history.lot_statistics import class_ranges, lot_statistics, out_of_control, share_outside
 from pipeline.history.lots_softening import lot_groups
 from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.softening import COVERAGE, FARTHEST, Softening, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
-from pipeline.problem import listed
 from reports.entries import RatioPoint, ReferenceBodyEntry
 from reports.history_entries import (
     LINE_POINTS,

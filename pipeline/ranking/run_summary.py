@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.problem import listed
+from pipeline.files.plain_file import listed
 from reports.entries import BatchEntry, FruitEntry, ranked, without_references
 from reports.language import decimals as with_comma
 from reports.language import of_environment, spoken

@@ -17,8 +17,8 @@ from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import read_provenance, utc_text, write_provenance
 from pipeline.batch.write_guard import require_free
-from pipeline.files.plain_file import printable
-from pipeline.problem import listed, refused
+from pipeline.files.plain_file import listed, printable
+from pipeline.problem import refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.run.scheduling import WorkPlace

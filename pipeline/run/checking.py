@@ -41,8 +41,7 @@ from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
-from pipeline.run.file_problems import at, doubted, tried
-from pipeline.run.photo_checks import photo_problems
+from pipeline.run.photo_checks import at, doubted, photo_problems, tried
 from pipeline.safe_start import elsewhere
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.recon_failure import ReconFailure, ReconProblem

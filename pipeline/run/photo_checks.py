@@ -2,21 +2,56 @@
 that show too little of the mat, and sides that no photo shows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from fem.fem_failure import FemFailure
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import Outcome
 from pipeline.problem import Problem
-from pipeline.run.file_problems import at, tried
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, read_photo, require_enough
 from recon.cameras.printed_mat import Mat
 from recon.cameras.unused_photos import unused_photos
 from recon.checks.photo_check import checked_photos
 from recon.checks.view_check import view_doubts
+from recon.recon_failure import ReconFailure
+from tactile.readers.hdf5_file import first_line
+from tactile.tactile_failure import TactileFailure
+
+
+def tried(row: FruitRow, path: Path, read: Callable[[], Iterable[Problem] | None]) -> Iterator[Problem]:
+    """Problems of the file at `path` that `read` returns or raises, so that later files are read too."""
+    try:
+        yield from read() or ()
+    except (ReconFailure, TactileFailure, FemFailure) as failure:
+        yield at(row, path, failure.detail)
+    except MemoryError:
+        yield at(row, path, "needs more memory than this machine has; expected a file of usual size.")
+    except OSError as error:
+        why = error.strerror or first_line(error)
+        yield at(row, path, f"is not readable ({why}); ask for permission to read it, or copy it again.")
+    except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
+        said = f"{type(fault).__name__}: {first_line(fault)}"
+        yield at(
+            row,
+            path,
+            f"an internal error of drupe occurred while reading {path.name}: {said}; "
+            "report it with the file.",
+        )
+
+
+def doubted(row: FruitRow, path: Path, sentence: str) -> Problem:
+    """A problem that stops nothing, but puts the fruit's E in doubt."""
+    return Problem(str(path), f"{sentence} E will be in doubt.", fruit_id=row.fruit_id, doubtful=True)
+
+
+def at(row: FruitRow, path: Path, sentence: str) -> Problem:
+    """A problem that stops the fruit, or one of its recordings."""
+    return Problem(str(path), sentence, fruit_id=row.fruit_id)
+
 
 LONGEST_SIDE_PX = 1000
 """Longest side to which photos are reduced here: 24 of them take 2 s of one core, at grading's 1600 px 5 s.

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pipeline.files.plain_file import listed
 from recon.cameras.camera import Camera, aim_of, middle_of, pinhole, place_of, straightened
 from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
@@ -28,7 +29,6 @@ from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, box_about_z
 from recon.silhouettes.segmentation import SegmentationScene, first_block
-from recon.wording import listed
 
 SIDE_PX = 1000
 """Side of the top view, px: about as fine as the photos show the ground. Set by hand."""

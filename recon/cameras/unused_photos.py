@@ -5,9 +5,8 @@ from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.files.plain_file import NotReadable, not_plain, printable, read_head
+from pipeline.files.plain_file import NotReadable, listed, not_plain, printable, read_head
 from recon.cameras.photos import SUFFIXES, photo_paths, picture_kind
-from recon.wording import listed
 
 NO_PHOTOS = frozenset(
     {

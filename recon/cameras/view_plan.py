@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from recon.wording import listed
+from pipeline.files.plain_file import listed
 
 WIDE_DEG = 75.0
 """Widest azimuth gap without advice; above 120 degrees a shape is refused (recon/checks/quality.py)."""

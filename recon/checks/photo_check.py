@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from pipeline.files.plain_file import listed
 from recon.cameras.mat_poses import FEWEST_TAGS
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.printed_mat import BORDERS, Mat, detect_tags, standard_mat
 from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.wording import FEW_NAMES, listed
 
 STEPS = 33
 """Samples across an edge, a sixteenth of the side to either side: a few tenths of a pixel apart."""
@@ -162,15 +162,13 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
     for photo in photos:
         original = first.setdefault(photo.image.tobytes(), photo)
         if original is not photo:
-            copies.append((photo.name, original.name))
+            copies.append(f"{photo.name} = {original.name}")
     if not copies:
         return list(photos), []
-    more = ", ..." if len(copies) > FEW_NAMES else ""
-    pairs = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + more
     noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
     return list(first.values()), [
-        f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
-        "every direction."
+        f"{len(copies)} {noun} of another ({listed(copies)}), so drupe uses each view once; take a photo "
+        "from every direction."
     ]
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.files.plain_file import listed
 from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError, camera_shadow_px
 from recon.recon_failure import ReconProblem
 from recon.surface.ray_mesh import SEEN_BY
 from recon.triangle_mesh import Faces, Vertices, vertex_areas, vertex_normals, volume_mm3
-from recon.wording import listed
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
 """Root mean square of the offsets over visible skin: warning (mm) and refusal (diameters). Ten of eleven true

@@ -12,8 +12,8 @@ from tactile.preparation.logger_correction import (
     LoggerFault,
     correction,
     counted,
-    listed,
     measured,
+    rows_listed,
     spoilt_said,
 )
 from tactile.preparation.readings import rhythm_of
@@ -193,7 +193,9 @@ def _without_wild_times(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCo
         twice[1:] &= (np.diff(column) == 0) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
     if twice.any():
         at, times = logged.rows[twice], time[twice]
-        says = f"{counted(len(at))} appear twice ({listed('time', at, times)}); drupe left out the repeats."
+        says = (
+            f"{counted(len(at))} appear twice ({rows_listed('time', at, times)}); drupe left out the repeats."
+        )
         notes.append(correction(LoggerFault.REPEATED, "time", at, times, says))
     kept = np.flatnonzero(~(off | twice))
     if logged.topics:
@@ -216,7 +218,7 @@ def _wild_note(
     quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
 ) -> LoggerCorrection:
     many = "wild reading" if len(rows) == 1 else "wild readings"
-    says = f"{len(rows)} {many} of {quantity} left out: {listed(quantity, rows, values)}."
+    says = f"{len(rows)} {many} of {quantity} left out: {rows_listed(quantity, rows, values)}."
     return correction(LoggerFault.WILD, quantity, rows, values, says)
 
 

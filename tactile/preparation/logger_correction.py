@@ -7,6 +7,8 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.files.plain_file import listed
+
 SHOWN = 3
 """Rows that a sentence lists by number."""
 
@@ -65,20 +67,16 @@ def measured(quantity: str, value: float) -> str:
     return "nothing" if np.isnan(value) else f"{value:.6g} {UNITS[quantity]}"
 
 
-def listed(
+def rows_listed(
     quantity: str, rows: Sequence[int] | Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
 ) -> str:
     """The first rows with their values, and how many more there are.
 
-    >>> listed("force", [42, 302], np.array([-196.13, 98.07]))
+    >>> rows_listed("force", [42, 302], np.array([-196.13, 98.07]))
     'row 42 (-196.13 N), row 302 (98.07 N)'
     """
-    each = [
-        f"row {row} ({measured(quantity, value)})"
-        for row, value in zip(rows[:SHOWN], values[:SHOWN], strict=True)
-    ]
-    more = len(rows) - SHOWN
-    return ", ".join(each) + (f" and {more} more" if more > 0 else "")
+    pairs = zip(rows, values, strict=True)
+    return listed([f"row {row} ({measured(quantity, value)})" for row, value in pairs], SHOWN)
 
 
 def spoilt_said(corrections: Sequence[LoggerCorrection]) -> str:
@@ -92,6 +90,6 @@ def spoilt_said(corrections: Sequence[LoggerCorrection]) -> str:
     spoilt = [repair for repair in corrections if repair.fault in (LoggerFault.WILD, LoggerFault.MISSING)]
     return "; ".join(
         f"{repair.fault} {repair.quantity or 'cells'}: "
-        + listed(repair.quantity, repair.rows, np.array(repair.values))
+        + rows_listed(repair.quantity, repair.rows, np.array(repair.values))
         for repair in spoilt
     )

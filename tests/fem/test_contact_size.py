@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from fem_shapes import box
 
-from fem.mesh.contact_size import contact_size
-from fem.mesh.flesh_mesh import tetrahedralise
+from fem.mesh.flesh_mesh import contact_size, tetrahedralise
 
 
 def square(width_mm, *, at=(0.0, 0, 0), n=9):

@@ -13,10 +13,10 @@ from fem.firmness.simulated_presses import (
     SQUEEZES,
     FruitPresses,
     PressCurve,
+    SmoothPatch,
     simulated_presses,
     spheroid_presses,
 )
-from fem.firmness.smooth_patch import SmoothPatch
 from fem.firmness.trade_tests import N_PER_GF, modulus_at, reading, trade_tests
 from fem.solid.closed_forms import hertz_sphere_force_N
 from fem.solid.linear_solid import UnitModulusSolid

@@ -9,9 +9,8 @@ import pytest
 from jaxtyping import Float
 
 from pipeline.batch import cache
-from pipeline.batch.cache import HEADER, cached, file_hash, stage_key
+from pipeline.batch.cache import HEADER, StageRecord, cached, file_hash, stage_key
 from pipeline.batch.records import read_record
-from pipeline.batch.stage_record import StageRecord
 
 
 @pytest.mark.parametrize("changed", ["fem/law.py", "fem/laws/more/hertz.py", "fem/null_reference.csv"])

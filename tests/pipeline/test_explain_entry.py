@@ -11,7 +11,7 @@ from fake_explanation import fake_explanation
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import Candidate, Explanation, Modulus, Parameter, Where
 from pipeline.diagnosis.diagnosis import Diagnosis
-from pipeline.diagnosis.explain_entry import effect_entries, explain_entry, parameter_words
+from pipeline.diagnosis.explaining import effect_entries, explain_entry, parameter_words
 from reports.effect_words import explain_verdict
 from reports.explain_page import explain_html
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.batch.layout import FruitFolder, raw_grasp_files
-from pipeline.fruit import raw_grasps
-from pipeline.fruit.raw_grasps import kept_recording
+from pipeline.fruit import grasped
+from pipeline.fruit.grasped import kept_recording
 from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.readers.recording import Converted, read_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -30,9 +30,9 @@ def folder(tmp_path):
 def readings(monkeypatch):
     """Every reading of frames, which gives the same recording each time."""
     seen: list[Path] = []
-    monkeypatch.setattr(raw_grasps, "read_raw_grasp", lambda path: seen.append(path) or path)
+    monkeypatch.setattr(grasped, "read_raw_grasp", lambda path: seen.append(path) or path)
     monkeypatch.setattr(
-        raw_grasps,
+        grasped,
         "recording_of",
         lambda raw, progress: Converted(recording=read_recording(RECORDING), notes=("one frame twice",)),
     )
@@ -111,7 +111,7 @@ def test_frames_that_cannot_be_read_leave_nothing_behind(folder, monkeypatch, tm
     def refused(path):
         raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, "left: found no frames")
 
-    monkeypatch.setattr(raw_grasps, "read_raw_grasp", refused)
+    monkeypatch.setattr(grasped, "read_raw_grasp", refused)
     with pytest.raises(TactileFailure, match="found no frames"):
         kept_recording(folder, tmp_path / "cache", print)
     assert not list((tmp_path / "cache").glob("*"))

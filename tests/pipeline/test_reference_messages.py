@@ -10,9 +10,9 @@ from drawn_gel import drawn, grid
 from raw_folder import CENTRE, FRAMES, replaced, write_picture, write_raw
 from small_batches import DATA, batch_of_nectarines
 
-from pipeline.fruit import raw_grasps
+from pipeline.fruit import grasped
+from pipeline.fruit.grasped import kept_recording
 from pipeline.fruit.placed_grasp import Checked, place_grasp
-from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.recordings.conversion import ConvertRequest, convert
 from pipeline.run.checking import check
 from recon.surface.mesh_file import read_mesh
@@ -102,7 +102,7 @@ def test_the_named_clip_is_in_the_key_of_what_is_kept(batch, tmp_path, monkeypat
     """Whatever is made of the pictures."""
     made = SimpleNamespace(recording=read_recording(DATA / "grasp.h5"), notes=())
     calls = []
-    monkeypatch.setattr(raw_grasps, "recording_of", lambda *_, **__: calls.append(1) or made)
+    monkeypatch.setattr(grasped, "recording_of", lambda *_, **__: calls.append(1) or made)
     new = 'sensor = "left.toml"\nreference = "../../../../empty"'
     replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
     kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)

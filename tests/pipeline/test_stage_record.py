@@ -8,8 +8,8 @@ from pydantic import ValidationError
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
+from pipeline.batch.cache import StageRecord
 from pipeline.batch.records import MeshRecord
-from pipeline.batch.stage_record import StageRecord
 from pipeline.fruit.elasticity import KeptModels
 from recon.checks.quality import ReconQuality
 

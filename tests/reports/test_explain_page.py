@@ -11,7 +11,7 @@ from fake_explanation import fake_explanation
 
 from fem.mismatch.result import Candidate, FruitMap, ModulusCell
 from pipeline.diagnosis.diagnosis import Diagnosis
-from pipeline.diagnosis.explain_entry import explain_entry
+from pipeline.diagnosis.explaining import explain_entry
 from reports import explain_page
 from reports.effect_words import explain_verdict
 from reports.explain_charts import modulus_over_time

@@ -21,7 +21,7 @@ from fem.mismatch.procedure import TWICE
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.write_guard import require_file_apart, require_free, require_made_by_drupe
 from pipeline.diagnosis.diagnosis import Diagnosis
-from pipeline.diagnosis.explain_entry import explain_entry
+from pipeline.diagnosis.explaining import explain_entry
 from pipeline.diagnosis.terminal_summary import print_explanation
 from pipeline.files.manifest import NotOurs, claim, enter
 from pipeline.problem import BatchRefused

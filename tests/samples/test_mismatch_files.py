@@ -9,7 +9,7 @@ from mismatch_ball import drawn_ball, still_recording
 
 from recon.surface.mesh_file import read_mesh
 from samples.gel_contact import Gel
-from samples.mismatch.case_files import store_truths, stored_truths, write_case_files
+from samples.mismatch.bank import store_truths, stored_truths, write_case_files
 from samples.mismatch.case_simulation import planned
 from samples.mismatch.four_grasps import four_manners, motion_of
 from samples.mismatch.injected import drawn_parameters

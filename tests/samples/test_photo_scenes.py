@@ -19,12 +19,11 @@ from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm, fruit_of_seed, skin_mesh
 from samples.renderer import mitsuba
 from samples.sample_failure import RendererMissing
-from samples.scenes.draw import Scene, draw_scene, sample_scene, scene_mapping
+from samples.scenes.draw import KINDS, Scene, draw_scene, sample_scene, scene_mapping
 from samples.scenes.euro_coin import DIAMETER_MM, coin_mesh
 from samples.scenes.ground import GROUNDS, ground_texture
 from samples.scenes.light import LIGHTS, flash_mesh, photographer_mesh
 from samples.scenes.render import RenderOptions, fruit_cover, load_world, pictures, scaled
-from samples.scenes.scene_fruit import KINDS
 from samples.scenes.sheet import STATES, sheet_height_mm, sheet_mat, sheet_mesh, sheet_texture
 from samples.scenes.skin_optics import COLOURS, GLOSSES
 from samples.scenes.write import cameras_mapping, complete, write_photos, write_scene

@@ -7,9 +7,9 @@ import pytest
 
 from samples.fruit import fruits_of_seed
 from samples.grasp_plan import planned_grasps, straight
+from samples.sample_batch import true_grasp
 from samples.sample_failure import SampleFailure
 from samples.shipped import shipped_batches, write_shipped
-from samples.simulated_grasp import true_grasp
 from tactile.readers.recording import GelPad, read_recording
 
 DATA = Path("samples/data")

@@ -13,8 +13,8 @@ from samples.grasp_plan import PlannedGrasp, hold_along, planned_grasps, straigh
 from samples.hexahedra import COARSE, Fineness
 from samples.mismatch.marker_sensor import SensorNoise, measured
 from samples.mismatch.true_recording import TrueRecording
+from samples.sample_batch import true_grasp
 from samples.sample_failure import NotInEquilibrium
-from samples.simulated_grasp import true_grasp
 
 FRUIT = fruit_of_seed("a", seed=1, E_MPa=0.5)
 UNDER_THE_PAD = Fineness(degrees=(0, 3, 6, 10, 17, 45), along=1, depths=(0, 0.15, 1))
