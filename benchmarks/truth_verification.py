@@ -21,8 +21,7 @@ from script import run
 
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
-from samples.grasp_plan import Hold, Motion, PlannedGrasp
-from samples.mismatch.four_grasps import CLEARANCE_MM
+from samples.grasp_plan import CLEARANCE_MM, Hold, Motion, PlannedGrasp
 from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body

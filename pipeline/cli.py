@@ -37,7 +37,7 @@ from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
 from pipeline.commands.watch import watch
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
-from pipeline.files.free_memory import free_memory_MiB
+from pipeline.files.limited_memory import free_memory_MiB
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import SAID, ended_like_ctrl_c

@@ -58,7 +58,7 @@ class GraspRecord(_Record):
     grasp: str
     failure: str | None = None
     digest: str = ""
-    """Digest of its displacements and forces (tactile.recording_digest)."""
+    """Digest of its displacements and forces (tactile.readers.recording)."""
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
     parts_sd_MPa: dict[str, float] = {}

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from tactile.consistency.reference_findings import print_without_force
+from tactile.consistency.faults import print_without_force
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, MOST_LAG1, Noise, no_contact_noise, noise_in_contact
 from tactile.readers.recording import GelPad, Recording
 from tactile.reference_print import WHAT_TO_DO

@@ -8,11 +8,12 @@ squeezed by 0.25 to 5 % of it: the force is within 2.4 % of axisymmetric element
 within 1.7 %, at 5 % within 0.8 %. With neo-Hookean flesh theirs differs at 5 % by -1, 1 and 5 %.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT, Ellipsoid
@@ -21,7 +22,53 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.closed_forms import hertz_sphere_force_N
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.moved_pit import with_pit_moved
-from fem.solid.rigid_tools import RigidTool, tool_force_N
+from fem.solid.unilateral_contact import pressures
+
+LOOSE = 1e5
+"""Between two tools the fruit may float: a spring this many times softer than a node holds it, and takes less
+than 1e-4 of the force."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidTool:
+    """A tool that advances against `towards` (unit vector, from the flesh to the tool).
+
+    `nodes`: skin nodes that it may touch; `gap_mm`: how far each is from the tool at first touch.
+    """
+
+    nodes: Int[np.ndarray, " c"]
+    towards: Float[np.ndarray, "3"]
+    gap_mm: Float[np.ndarray, " c"]
+
+
+def tool_force_N(
+    solid: UnitModulusSolid, tools: Sequence[RigidTool], approach_mm: Float[np.ndarray, " f"]
+) -> Float[np.ndarray, " f"]:
+    """Force on the first tool at each approach from first touch, N per MPa of E; approaches ascend.
+
+    Under tools that only push, the gap of every skin node is  w = g - d + n' C n p >= 0  with forces p >= 0
+    and w p = 0. g is the initial gap, d the tool's advance, n the direction to the tool, and C the skin's
+    compliance. The kinematics are exact for a flat plate; strain is small.
+
+    One tool: the mean displacement of the flesh is zero (a free solid). Two: the approach is that of both
+    together, and the fruit moves freely between them, without rotation.
+    """
+    nodes = np.unique(np.concatenate([tool.nodes for tool in tools]))
+    compliance = replace(solid, contact_nodes=nodes).contact_compliance
+    which = np.concatenate([np.full(len(tool.nodes), k) for k, tool in enumerate(tools)])
+    at = np.searchsorted(nodes, np.concatenate([tool.nodes for tool in tools]))
+    pushed = np.zeros((3 * len(nodes), len(at)))
+    for axis in range(3):
+        pushed[3 * at + axis, np.arange(len(at))] = np.stack([tool.towards for tool in tools])[which, axis]
+    inward = pushed.T @ compliance @ pushed
+    inward = (inward + inward.T) / 2
+    if len(tools) > 1:
+        along = pushed.reshape(-1, 3, len(at)).sum(axis=0).T @ tools[0].towards
+        inward += LOOSE * np.trace(inward) / len(inward) * np.outer(along, along)
+    gap = np.concatenate([tool.gap_mm for tool in tools])
+    pressed = pressures(inward, gap - approach_mm[:, None] / len(tools))
+    return np.asarray(pressed[:, which == 0].sum(axis=1))
+
 
 DEGREE = 4
 """Of the polynomial. A sphere's cap as wide as its radius is met within 5e-4 of the radius."""

@@ -1,6 +1,8 @@
 """Category and pit prior that a batch's settings select, and the files that the settings name."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
@@ -12,6 +14,25 @@ from recon.pit.placement import load_pit
 from recon.pit.priors import PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import SUFFIXES
+
+CATEGORY = "phantom"
+"""The category of a reference body, whatever the batch's category is."""
+NAME = "reference body"
+"""Its name in sentences."""
+
+
+@cache
+def reference_prior(poisson_ratio: float | None = None) -> PitPrior:
+    """The prior of a reference body: the category phantom, with the given Poisson's ratio if there is one."""
+    known = load_prior(CATEGORY)
+    ratio = known.poisson_ratio if poisson_ratio is None else poisson_ratio
+    return replace(known, category=NAME, poisson_ratio=ratio)
+
+
+def category_of(row: FruitRow, category: PitPrior | None) -> PitPrior | None:
+    """The category of one row: a reference body's, else the batch's."""
+    return reference_prior(row.reference_poisson_ratio) if row.reference else category
+
 
 _NO_POISSON_RATIO = (
     'Poisson\'s ratio of the flesh is unknown for the category "{}"; add poisson_ratio to '

@@ -11,11 +11,9 @@ from pydantic import ValidationError
 
 from pipeline.batch.batch_place import batch_around
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow, read_fruits
-from pipeline.batch.input_names import is_of_the_system
-from pipeline.batch.layout import BatchFolder, FruitFolder
-from pipeline.batch.named_priors import as_named, read_priors, without_pit
+from pipeline.batch.layout import BatchFolder, FruitFolder, is_of_the_system
+from pipeline.batch.named_priors import CATEGORY, as_named, read_priors, reference_prior, without_pit
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
-from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.settings import Grading, Recon, Settings
 from pipeline.batch.settings_file import MOST_BYTES, read_settings

@@ -9,8 +9,8 @@ from pipeline.batch.cache import ROOMS, stage_key
 from pipeline.batch.confirmed_effects import effects_on, keyed
 from pipeline.batch.fruits_table import Given, given_of
 from pipeline.batch.layout import FruitFolder, FruitResults, Results
+from pipeline.batch.named_priors import CATEGORY, reference_prior
 from pipeline.batch.opening import Batch, reference_ratio
-from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from pipeline.batch.unused_files import unused_of_fruit

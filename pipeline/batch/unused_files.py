@@ -10,8 +10,7 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from pipeline.batch.fruits_table import SAFE_ID
-from pipeline.batch.input_names import MESHES, RECORDINGS, entries_in
-from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
+from pipeline.batch.layout import MESHES, RECORDINGS, BatchFolder, FruitFolder, entries_in, raw_grasp_files
 from pipeline.files.plain_file import listed, not_plain
 from pipeline.problem import Problem
 from recon.cameras.photos import SUFFIXES as PHOTOS

@@ -1,4 +1,4 @@
-"""Keeps drupe from writing over its inputs.
+"""Keeps drupe from writing over its inputs, and two runs from writing into one results folder.
 
 drupe writes results only into a folder that is new, empty, or has its list of written files
 (pipeline.files.manifest). The folder must not be inside a fruit's folder. Places are compared by device and
@@ -6,15 +6,50 @@ inode after links are followed, so that another spelling or a link makes no diff
 """
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder
-from pipeline.batch.results_lock import LOCK
 from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, not_ours_sentence, was_ours
 from pipeline.files.plain_file import listed, not_plain
-from pipeline.files.whole_file import MARK
+from pipeline.files.whole_file import MARK, lock_of
 from pipeline.problem import BatchRefused, Problem, refused
+
+LOCK = ".lock"
+"""The file in a results folder that a run locks while it writes there."""
+
+
+@contextmanager
+def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
+    """Locks the results folder for this run; raises BatchRefused if another run holds it or it is unwritable.
+
+    A file system without locks does not separate two runs.
+    """
+    with ExitStack() as stack:
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            held = stack.enter_context(lock_of(root / LOCK, wait_s=0.0))
+        except OSError as error:
+            sentence = f"cannot be written ({error.strerror}); choose another place with {option}."
+            raise refused(root, sentence) from None
+        if not held:
+            sentence = (
+                f"another run is writing here and holds {LOCK}; wait for it, or choose another {option}."
+            )
+            raise refused(root, sentence)
+        yield
+
+
+def is_held(root: Path) -> bool:
+    """Whether another run is writing into the results folder `root`."""
+    if not (root / LOCK).is_file():
+        return False
+    try:
+        with lock_of(root / LOCK, wait_s=0.0) as held:
+            return not held
+    except OSError:
+        return False
 
 
 def require_results_place(root: Path, batch: BatchFolder) -> None:

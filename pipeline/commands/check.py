@@ -7,7 +7,7 @@ from rich.console import Console
 from typer import Option
 
 from pipeline.batch.batch_place import require_folder
-from pipeline.commands.machine import require_libraries
+from pipeline.commands.endings import require_libraries
 from pipeline.commands.shared_options import BatchArgument
 from pipeline.exit_status import DONE, DOUBTED, USAGE
 from pipeline.safe_start import elsewhere

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from typer import Argument
 
-from pipeline.commands.machine import cores
+from pipeline.commands.endings import cores
 from pipeline.exit_status import INTERNAL, USAGE
 from pipeline.safe_start import elsewhere
 

@@ -1,5 +1,6 @@
-"""How commands end: the messages of an interruption, a refused input and a written file."""
+"""What commands require of the machine, and how they end: interrupted, with a refused input, with a file."""
 
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,6 +8,19 @@ from pathlib import Path
 import typer
 
 from pipeline.exit_status import INTERRUPTED, UNUSABLE
+from pipeline.problem import BatchRefused, Problem
+from pipeline.system_libraries import missing_libraries
+
+
+def require_libraries() -> None:
+    """Raises BatchRefused with every missing system library that native wheels load."""
+    if missing := missing_libraries():
+        raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

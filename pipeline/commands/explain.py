@@ -9,8 +9,7 @@ import typer
 from rich.console import Console
 from typer import Argument, Option
 
-from pipeline.commands.endings import exit_when_interrupted
-from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.endings import cores, exit_when_interrupted, require_libraries
 from pipeline.commands.shared_options import LanguageOption, chosen_language
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere

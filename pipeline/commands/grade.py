@@ -7,8 +7,7 @@ from rich.console import Console
 from typer import Option
 
 from pipeline.batch.batch_place import require_folder
-from pipeline.commands.endings import exit_when_interrupted
-from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.endings import cores, exit_when_interrupted, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
     LanguageOption,

@@ -8,7 +8,7 @@ import typer
 from typer import Option
 
 from pipeline.batch.batch_place import require_folder
-from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.endings import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
     LanguageOption,

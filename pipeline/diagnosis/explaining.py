@@ -16,14 +16,16 @@ from pipeline.batch.layout import CaseFolder, FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.provenance import input_hashes, versions
-from pipeline.batch.results_lock import LOCK, is_held, results_lock
 from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.batch.write_guard import (
+    LOCK,
+    is_held,
     require_file_apart,
     require_free,
     require_made_by_drupe,
     require_new_or_ours,
     require_results_place,
+    results_lock,
     same_place,
 )
 from pipeline.diagnosis.apply_to_settings import applied

@@ -15,9 +15,8 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from pipeline.files.lock_file import WAIT_S, lock_of
 from pipeline.files.plain_file import NotReadable, json_of, read_text, stands
-from pipeline.files.whole_file import NotWritten, put
+from pipeline.files.whole_file import WAIT_S, NotWritten, lock_of, put
 
 MANIFEST = ".written.json"
 LIST_LOCK = ".written.lock"

@@ -10,7 +10,7 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effect_spec import Correction
 from pipeline.batch.cache import StageRecord, cached, content_hash, stage_key
 from pipeline.batch.confirmed_effects import pit_found
-from pipeline.batch.reference_body import NAME as REFERENCE
+from pipeline.batch.named_priors import NAME as REFERENCE
 from pipeline.batch.settings import Settings
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape

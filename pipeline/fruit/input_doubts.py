@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
+from fem.estimation.modulus import ModulusSign, ModulusWarning
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3

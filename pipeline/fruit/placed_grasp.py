@@ -18,13 +18,11 @@ from recon.checks.surface_error import sd_on_patch_mm
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.skin_layer import PatchResidual
 from tactile.consistency.finding import Finding, FindingKind
-from tactile.consistency.jaw_share import jaw_share_findings
-from tactile.consistency.of_recording import recording_findings
+from tactile.consistency.of_recording import jaw_share_findings, recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
-from tactile.readers.recording import GelPad, Recording, read_recording
-from tactile.recording_digest import recording_digest
+from tactile.readers.recording import GelPad, Recording, read_recording, recording_digest
 from tactile.registration import PadRegistration, register
 from tactile.rig.rig_curve import RigCurve
 from tactile.robot.pad_poses import moved_wrench
@@ -37,7 +35,7 @@ class PlacedGrasp:
 
     `surface_sd_mm`: for each pad, the root mean square of the mesh's error over the skin within its contact
     patch. It needs the mesh's error at each vertex. `findings`: contradictions in the recording that leave it
-    usable. `digest`: of its fields as they are in the file (tactile.recording_digest). `plain_jaw`: whether
+    usable. `digest`: of its fields as they are in the file (tactile.readers.recording). `plain_jaw`: whether
     one pad represents a jaw without a gel (tactile.plain_jaw); `plane_strain_MPa`: of the flesh, if the width
     of that jaw's contact follows from it.
     """

@@ -43,9 +43,8 @@ from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
 from reports.grasp_record import CurveRecord, GraspRecord
 from tactile.consistency.finding import Finding
-from tactile.readers.recording import Recording, read_recording
+from tactile.readers.recording import Recording, read_recording, recording_digest
 from tactile.readers.specimen import DIAMETERS
-from tactile.recording_digest import recording_digest
 from tactile.rig.rig_curve import RigCurve, without_rig
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -65,7 +64,7 @@ upper half of the force dominates E, and force varies with the power 1.5 of dept
 class CompressionTrace:
     """A usable recording, with the law of its geometry and the doubts about it.
 
-    `path`: its file; `digest` as in tactile.recording_digest.
+    `path`: its file; `digest` as in tactile.readers.recording.
     """
 
     path: Path

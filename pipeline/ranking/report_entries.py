@@ -17,8 +17,7 @@ from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, read_as
 from pipeline.batch.settings import Grading
 from pipeline.batch.verdicts import Trail, Verdict, read_trail
-from pipeline.ranking.batch_faults import BatchFault
-from pipeline.ranking.calibration_age import old_calibrations
+from pipeline.ranking.batch_faults import BatchFault, old_calibrations
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
 from pipeline.ranking.maturity import Rank, agreement, standings

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from pipeline.batch.confirmed_effects import ConfirmedEffect, effects_on, pit_found
 from pipeline.batch.fruits_table import FruitRow, given_of
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.named_priors import named_files
+from pipeline.batch.named_priors import category_of, named_files
 from pipeline.batch.opening import (
     Batch,
     fruit_folders,
@@ -28,7 +28,6 @@ from pipeline.batch.plausible_numbers import (
     mesh_doubt,
     row_doubts,
 )
-from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_of_batch, unused_of_fruit
 from pipeline.files.plain_file import stands
@@ -50,13 +49,12 @@ from tactile.consistency.finding import Finding
 from tactile.correction import corrected
 from tactile.pad_reference import references_said
 from tactile.readers.raw_grasp import read_raw_grasp
-from tactile.readers.recording import Recording, read_recording
-from tactile.recording_digest import recording_digest
+from tactile.readers.recording import Recording, read_recording, recording_digest
 from tactile.rig.rig_curve import RigCurve
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 Read = dict[str, list[tuple[FruitRow, Path]]]
-"""Usable recordings by their content (tactile.recording_digest), which identifies copies."""
+"""Usable recordings by their content (tactile.readers.recording), which identifies copies."""
 
 
 def check(

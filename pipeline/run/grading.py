@@ -16,12 +16,11 @@ from pipeline.batch.opening import Batch, open_batch
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes, write_run
 from pipeline.batch.records import FruitRecord, write_changed
-from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_batch
-from pipeline.batch.write_guard import require_results_place
+from pipeline.batch.write_guard import is_held, require_results_place, results_lock
 from pipeline.exit_status import INTERRUPTED, USAGE
-from pipeline.files.free_memory import free_memory_MiB
+from pipeline.files.limited_memory import free_memory_MiB
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.run_summary import decimals

@@ -16,7 +16,7 @@ from fem.mesh.surface_points import skin_quadrature
 from fem.solid.closed_forms import cored_sphere_shrinkage_mm
 from fem.solid.linear_solid import UnitModulusSolid
 from pipeline.batch.provenance import versions
-from pipeline.files.free_memory import free_memory_MiB
+from pipeline.files.limited_memory import free_memory_MiB
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB
 from pipeline.system_libraries import missing_libraries
 from recon.silhouettes.hull import ball

@@ -13,7 +13,7 @@ from pipeline.batch.layout import BatchFolder, Results, write_whole
 from pipeline.batch.opening import open_batch, unlisted_fruit
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record, write_changed
-from pipeline.batch.results_lock import results_lock
+from pipeline.batch.write_guard import results_lock
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten

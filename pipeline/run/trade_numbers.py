@@ -19,8 +19,7 @@ from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.provenance import require_finished
 from pipeline.batch.records import FruitRecord, read_record
-from pipeline.batch.results_lock import results_lock
-from pipeline.batch.write_guard import require_free
+from pipeline.batch.write_guard import require_free, results_lock
 from pipeline.files.plain_file import printable
 from pipeline.problem import nearest, refused
 from recon.recon_failure import ReconFailure

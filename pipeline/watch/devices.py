@@ -14,9 +14,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.files.lock_file import lock_of
 from pipeline.files.plain_file import NotReadable, printable, read_text
-from pipeline.files.whole_file import NotWritten, put
+from pipeline.files.whole_file import NotWritten, lock_of, put
 from pipeline.problem import nearest, refused
 
 MOST_BYTES = 1_000_000

@@ -13,7 +13,7 @@ from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch, unlisted_fruit
 from pipeline.batch.records import FruitRecord
-from pipeline.batch.results_lock import results_lock
+from pipeline.batch.write_guard import results_lock
 from pipeline.exit_status import DONE, INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.same_recording import copies_doubted

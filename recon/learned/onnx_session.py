@@ -9,8 +9,7 @@ os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which would stor
 import numpy as np
 import onnxruntime
 
-from pipeline.files.free_memory import free_memory_MiB
-from pipeline.files.limited_memory import limited_memory
+from pipeline.files.limited_memory import free_memory_MiB, limited_memory
 from recon.learned.onnx_file import bad_model, model_files, require_onnx
 
 INPUT = "images"

@@ -8,9 +8,8 @@ from scipy.sparse import csr_array
 
 from samples.fruit import POISSON_RATIO, Skin
 from samples.graded_bricks import BrickGrading
-from samples.grasp_plan import PlannedGrasp
+from samples.grasp_plan import PlannedGrasp, four_grasps
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
-from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,

@@ -20,7 +20,7 @@ from samples.sample_failure import SampleFailure
 
 LOWEST_CAP_DEG = 30.0
 """Largest angle of the place from the lowest point, degrees. The pads do not reach it: their lowest spot is
-60 degrees from that point (samples.mismatch.four_grasps)."""
+60 degrees from that point (samples.grasp_plan)."""
 STEP = 1e-4
 """Step of directions for the skin's normal by differences; on a smooth skin any small number serves."""
 SEAT_RADIUS_MM = 6.0

@@ -15,8 +15,7 @@ from injected_recording import (
 )
 
 from fem.estimation.grasp_model import grasp_model
-from fem.estimation.modulus import FEWEST_MARKERS, estimate_modulus
-from fem.estimation.modulus_warnings import ModulusSign
+from fem.estimation.modulus import FEWEST_MARKERS, ModulusSign, estimate_modulus
 from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.pad_link import OFF_SKIN_MM, contact_nodes
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
+from fem.estimation.modulus import ModulusSign, ModulusWarning
 from pipeline.fruit.input_doubts import (
     Doubt,
     causes_alone,

@@ -23,8 +23,8 @@ from pipeline.batch.records import (
     TemperatureRecord,
     write_record,
 )
-from pipeline.batch.results_lock import results_lock
 from pipeline.batch.task import fruit_task
+from pipeline.batch.write_guard import results_lock
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 from pipeline.run import trade_numbers

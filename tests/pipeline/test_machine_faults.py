@@ -16,7 +16,7 @@ from pipeline import cli
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.scratch import PREFIX, scratch
-from pipeline.files.free_memory import free_memory_MiB
+from pipeline.files.limited_memory import free_memory_MiB
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner

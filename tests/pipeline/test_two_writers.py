@@ -10,8 +10,7 @@ from contextlib import contextmanager
 import pytest
 
 from pipeline.batch.layout import FruitResults, write_whole
-from pipeline.batch.results_lock import LOCK, is_held, results_lock
-from pipeline.batch.write_guard import require_made_by_drupe
+from pipeline.batch.write_guard import LOCK, is_held, require_made_by_drupe, results_lock
 from pipeline.files.manifest import LIST_LOCK, in_the_way, writing_alone
 from pipeline.problem import BatchRefused
 

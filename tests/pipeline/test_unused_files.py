@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console
 from small_batches import empty_batch
 
-from pipeline.batch.input_names import is_of_the_system
-from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, Results
+from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, Results, is_of_the_system
 from pipeline.batch.opening import open_batch
 from pipeline.batch.task import fruit_task
 from pipeline.batch.unused_files import unused_of_batch, unused_of_fruit

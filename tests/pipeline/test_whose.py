@@ -23,8 +23,7 @@ from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
 from pipeline.run.fruit_queue import kept_record
 from reports.grasp_record import GraspRecord
-from tactile.readers.recording import read_recording
-from tactile.recording_digest import recording_digest
+from tactile.readers.recording import read_recording, recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 

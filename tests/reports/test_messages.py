@@ -14,7 +14,7 @@ from message_templates import ROOT, modules, templates
 from report_batches import batch_of, graded_fruit
 from rich.console import Console
 
-from fem.estimation.modulus_warnings import warnings_of
+from fem.estimation.modulus import warnings_of
 from fem.grasp_history import GraspHistory
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.procedure import TWICE

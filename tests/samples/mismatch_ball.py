@@ -5,10 +5,9 @@ from ball_fruit import ball
 
 from samples.fruit import SampleFruit, SamplePit
 from samples.gel_contact import Gel
-from samples.grasp_plan import Motion, PlannedGrasp
+from samples.grasp_plan import Motion, PlannedGrasp, through_centre
 from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.four_grasps import through_centre
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit

@@ -9,9 +9,9 @@ from mismatch_ball import drawn_ball, still_recording
 
 from recon.surface.mesh_file import read_mesh
 from samples.gel_contact import Gel
+from samples.grasp_plan import four_manners, motion_of
 from samples.mismatch.bank import store_truths, stored_truths, write_case_files
 from samples.mismatch.case_simulation import planned
-from samples.mismatch.four_grasps import four_manners, motion_of
 from samples.mismatch.injected import drawn_parameters
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.sample_failure import SampleFailure

@@ -15,8 +15,7 @@ import pytest
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
 from samples.graded_bricks import BrickGrading
-from samples.grasp_plan import Hold, PlannedGrasp, straight
-from samples.mismatch.four_grasps import CLEARANCE_MM
+from samples.grasp_plan import CLEARANCE_MM, Hold, PlannedGrasp, straight
 from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body

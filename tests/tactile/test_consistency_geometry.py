@@ -9,11 +9,10 @@ import pytest
 from injected_grasp import with_pads
 from recording_mistakes import findings, slab_pad
 
-from tactile.consistency.faults import missing_markers
+from tactile.consistency.faults import missing_markers, print_without_force, reference_findings
 from tactile.consistency.finding import FindingKind
 from tactile.consistency.of_recording import recording_findings
 from tactile.consistency.pressing import MOST_FOR_SLAB, displacement_of, pressing_of
-from tactile.consistency.reference_findings import print_without_force, reference_findings
 from tactile.consistency.relations import gain_of
 from tactile.consistency.transformations import QUARTERS
 from tactile.contact import find_contact

@@ -28,10 +28,9 @@ from pipeline.cli import app
 from pipeline.problem import BatchRefused
 from pipeline.watch import device_login
 from pipeline.watch import devices as device_file
-from pipeline.watch.connections import MOST_CONNECTIONS, MOST_OF_ADDRESS
 from pipeline.watch.device_login import network_of
 from pipeline.watch.devices import add_device, read_devices, revoke_device
-from pipeline.watch.page_server import PageServer
+from pipeline.watch.page_server import MOST_CONNECTIONS, MOST_OF_ADDRESS, PageServer
 from reports.kiosk_page import KioskEntry, kiosk_html
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="other systems have one loopback address")

@@ -11,9 +11,8 @@ from page_client import answer_to, connected
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.problem import BatchRefused
-from pipeline.watch import connections
-from pipeline.watch.connections import MOST_CONNECTIONS
-from pipeline.watch.page_server import LOOPBACK, PageServer
+from pipeline.watch import page_server
+from pipeline.watch.page_server import LOOPBACK, MOST_CONNECTIONS, PageServer
 
 
 def ask(server, path, **how):
@@ -95,7 +94,7 @@ def test_a_server_that_does_not_start_is_said(tmp_path, monkeypatch):
 
 
 def test_a_request_whose_bytes_come_one_by_one_is_ended_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "REQUEST_S", 0.3)
+    monkeypatch.setattr(page_server, "REQUEST_S", 0.3)
     with (
         PageServer(Results(tmp_path / "results")) as server,
         closing(socket.create_connection((LOOPBACK, urlsplit(server.address).port), timeout=10)) as slow,
@@ -116,7 +115,7 @@ def test_a_request_whose_bytes_come_one_by_one_is_ended_in_time(tmp_path, monkey
 
 
 def test_open_pages_stay_and_idle_connections_give_their_place_back(tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "REQUEST_S", 0.5)
+    monkeypatch.setattr(page_server, "REQUEST_S", 0.5)
     with PageServer(Results(tmp_path / "results")) as server, ExitStack() as held:
         server.show("<p>page</p>")
         address = urlsplit(server.address)

@@ -9,7 +9,7 @@ from page_client import answer_to, connected
 
 from pipeline.batch.layout import Results
 from pipeline.batch.verdicts import read_trail
-from pipeline.watch.forms import MOST_FORM_BYTES
+from pipeline.watch.device_login import MOST_FORM_BYTES
 from pipeline.watch.page_server import PageServer
 from pipeline.watch.verdict_desk import VerdictDesk
 from reports.entries import BatchEntry, FruitEntry
