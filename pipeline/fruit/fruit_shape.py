@@ -88,7 +88,10 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
         require_closed(vertices, faces, what=folder.fruit_ply.name)
-        return _shape(vertices, faces, np.eye(4), source="fruit.ply")
+        record = measured(vertices, faces, source="fruit.ply")
+        return FruitShape(
+            vertices=vertices, faces=faces, mesh_from_fruit=np.eye(4), record=record, warnings=()
+        )
     if not folder.photo_files():
         where = str(folder.root)
         if stated_in_table(task.given).specimen.diameters_mm is not None:
@@ -122,16 +125,16 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     write_whole(task.results.photo, made.photo.tobytes())
     if len(made.outlines):
         write_whole(task.results.outlines, made.outlines.tobytes())
-    shape = _shape(made.vertices, made.faces, made.mesh_from_fruit, source="photos")
-    return replace(
-        shape,
+    quality = {"scale_sd": made.scale_sd, "surface_sd_mm": made.surface_sd_mm, "quality": made.quality}
+    return FruitShape(
+        vertices=made.vertices,
+        faces=made.faces,
+        mesh_from_fruit=made.mesh_from_fruit,
+        record=measured(made.vertices, made.faces, source="photos").model_copy(update=quality),
+        warnings=(*folder.unused_photos(), *made.warnings),
         views=made.views,
         sd_mm=made.sd_mm,
         skin=made.skin.tobytes(),
-        warnings=(*folder.unused_photos(), *made.warnings),
-        record=shape.record.model_copy(
-            update={"scale_sd": made.scale_sd, "surface_sd_mm": made.surface_sd_mm, "quality": made.quality}
-        ),
     )
 
 
@@ -150,23 +153,6 @@ def measured(
         volume_mm3=volume_mm3(vertices, faces),
         height_mm=box[2],
         box_mm=tuple(box),
-    )
-
-
-def _shape(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    mesh_from_fruit: Float[np.ndarray, "4 4"],
-    *,
-    source: Literal["photos", "fruit.ply"],
-) -> FruitShape:
-    """The surface with its counts, size and volume, without measures of its quality."""
-    return FruitShape(
-        vertices=vertices,
-        faces=faces,
-        mesh_from_fruit=mesh_from_fruit,
-        warnings=(),
-        record=measured(vertices, faces, source=source),
     )
 
 

@@ -1,5 +1,6 @@
 """Similarity transforms (rotation, scale, shift) between sets of points."""
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -13,13 +14,9 @@ def fitted_similarity(
     >>> round(float(np.cbrt(np.linalg.det(T[:3, :3]))), 9), bool(away.max() < 1e-9)
     (2.0, True)
     """
-    a, b = source - source.mean(0), target - target.mean(0)
-    U, singular, Vt = np.linalg.svd(b.T @ a)
-    flip = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
-    turn = (U * flip) @ Vt
-    scale = float(singular @ flip) / float(np.sum(a**2))
-    T = affine(scale * turn, target.mean(0) - scale * turn @ source.mean(0))
-    return T, np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
+    solved, scale = cv2.estimateAffine3D(source, target, force_rotation=True)
+    T = affine(scale * solved[:, :3], solved[:, 3])
+    return T, np.linalg.norm(moved(source, T) - target, axis=1)
 
 
 def robust_similarity(
@@ -29,7 +26,7 @@ def robust_similarity(
     keep = np.ones(len(source), bool)
     for _ in range(8):
         T, _ = fitted_similarity(source[keep], target[keep])
-        away = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
+        away = np.linalg.norm(moved(source, T) - target, axis=1)
         keep = away <= 3 * float(np.median(away)) + 1e-12
     return T, away[keep]
 

@@ -1,8 +1,8 @@
 """The bank of cases: it simulates and stores fruit once without noise, and draws cases from them.
 
 A fruit has no effect, or effects that change the flesh or the contact (SIMULATED). A draw adds noise, the
-scan's error, the prior's error, and effects of sensor, gripper and prior (DRAWN). One seed determines all. A case on disk has mesh, pit prior,
-settings and recordings.
+scan's error, the prior's error, and effects of sensor, gripper and prior (DRAWN). One seed determines all. A
+case on disk has mesh, pit prior, settings and recordings.
 """
 
 import fcntl

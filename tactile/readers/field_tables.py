@@ -109,9 +109,6 @@ def _by_pad(path: Path, held: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _from_csv(path: Path) -> dict[str, np.ndarray]:
     """The columns as arrays by frame and marker. Raises TactileFailure for a missing column or row."""
     columns = read_columns(path, wanted=COLUMNS)
-    missing = [name for name in COLUMNS if name not in columns]
-    if missing:
-        raise unusable(f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column too")
     time_s, first = np.unique(columns["time_s"], return_index=True)
     held = {"time_s": time_s, "aperture_mm": columns["aperture_mm"][first]}
     kinds = np.unique(columns["pad"])

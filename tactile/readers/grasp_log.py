@@ -34,49 +34,50 @@ class GraspLog:
     wrench_N: Float[np.ndarray, "t 6"] | None
 
 
-def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.ndarray, " t"]]:
+def read_columns(
+    path: Path, *, wanted: Sequence[str], source: str | None = None
+) -> dict[str, Float[np.ndarray, " t"]]:
     """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column.
 
-    `wanted`: columns that the caller needs, named in the failure if the file is missing. The caller must
-    check that the file has them.
+    `wanted`: columns that the file must have; `source`: the file's name in failures, if not its own.
     """
+    source = source or path.name
     if missing := absence(path):
-        raise unusable(path.name, missing, "a table with the columns " + ", ".join(wanted))
+        raise unusable(source, missing, "a table with the columns " + ", ".join(wanted))
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
     except NotReadable as cause:
-        raise unusable(path.name, f"that it {cause}", "a CSV file in UTF-8") from cause
+        raise unusable(source, f"that it {cause}", "a CSV file in UTF-8") from cause
     expected = "numbers separated by commas, without quotation marks"
-    lines = csv_lines(path.name, text, ",", expected=expected)
+    lines = csv_lines(source, text, ",", expected=expected)
     rows = [row for _, row in lines if any(cell.strip() for cell in row)]
     if len(rows) < 2:
-        raise unusable(path.name, "no rows", "a header and one row for each frame")
+        raise unusable(source, "no rows", "a header and one row for each frame")
     header = [name.strip() for name in rows[0]]
     if len(rows) > MOST_ROWS or len(header) > MOST_COLUMNS:
         fault = f"{len(rows)} rows of {len(header)} columns"
-        raise unusable(path.name, fault, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
+        raise unusable(source, fault, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
     if len(header) == 1 and (other := next((name for c, name in _OTHERS if c in header[0]), "")):
-        raise unusable(path.name, f"cells separated by {other}", "commas; save it as CSV with commas")
-    refuse_repeated_names(path.name, header)
+        raise unusable(source, f"cells separated by {other}", "commas; save it as CSV with commas")
+    refuse_repeated_names(source, header)
+    for name in wanted:
+        if name not in header:
+            like = next((other for other in header if other.lower() == name.lower()), None)
+            expected = f"a column {name} too" if like is None else f"{name} in place of {like}"
+            raise unusable(f"{source}: {name}", "the columns " + ", ".join(header), expected)
     values = np.empty((len(rows) - 1, len(header)))
     for k, row in enumerate(rows[1:]):
         if len(row) != len(header):
             expected = f"{len(header)} as in the header, and numbers with a decimal point"
-            raise unusable(path.name, f"{len(row)} cells in row {k + 2}", expected)
+            raise unusable(source, f"{len(row)} cells in row {k + 2}", expected)
         for j, cell in enumerate(row):
-            values[k, j] = number_in(f"{path.name}: {header[j][:60]}", k + 2, cell)
+            values[k, j] = number_in(f"{source}: {header[j][:60]}", k + 2, cell)
     return {name: values[:, j] for j, name in enumerate(header)}
 
 
 def read_log(path: Path) -> GraspLog:
     """The log; raises TactileFailure (unreadable-frames), for example if its times do not increase."""
     columns = read_columns(path, wanted=NEEDED)
-    for name in NEEDED:
-        if name not in columns:
-            like = next((other for other in columns if other.lower() == name.lower()), None)
-            fault = "the columns " + ", ".join(columns)
-            expected = f"a column {name} too" if like is None else f"{name} in place of {like}"
-            raise unusable(f"{path.name}: {name}", fault, expected)
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):
         raise unusable(path.name, f"only {', '.join(cell)} of the load cell", ", ".join(LOAD_CELL))

@@ -279,17 +279,11 @@ def _times(
     folder: Path, name: str, table: Table, pictures: Pictures, log: GraspLog
 ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
     """Each frame's time on the log's clock, and the aperture at that time."""
-    times_csv = folder / name / "times.csv"
-    if times_csv.is_file():
-        columns = read_columns(times_csv, wanted=FRAME_TIMES)
-        for needed in FRAME_TIMES:
-            if needed not in columns:
-                raise unusable(
-                    f"{name}/times.csv: {needed}", "no such column", "the columns frame and time_s"
-                )
-        increasing(f"{name}/times.csv", columns["time_s"])
+    table_said = f"{name}/times.csv"
+    if (folder / table_said).is_file():
+        columns = read_columns(folder / table_said, wanted=FRAME_TIMES, source=table_said)
+        increasing(table_said, columns["time_s"])
         stamps = dict(zip(columns["frame"].astype(int).tolist(), columns["time_s"].tolist(), strict=True))
-        table_said = f"{name}/times.csv"
     elif log.frame is not None:
         stamps = dict(zip(log.frame.tolist(), log.time_s.tolist(), strict=True))
         table_said = "log.csv"

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from decoupled_neo_hookean import DecoupledNeoHookean
 from fem_shapes import ball, cube_flesh, cube_mesh, on_cube_surface
 from hookes_law import Linear
 from scipy.optimize import brentq, minimize_scalar
@@ -13,7 +14,6 @@ import fem.solid.finite_strain_balance
 from fem.elements.assembly import unit_lame_constants
 from fem.elements.shape_functions import TET_FACES
 from fem.fem_failure import FemFailure, FemProblem
-from fem.materials.decoupled_neo_hookean import DecoupledNeoHookean
 from fem.materials.law import UnitLaw
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from decoupled_neo_hookean import DecoupledNeoHookean
 from hookes_law import Linear
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.materials.decoupled_neo_hookean import DecoupledNeoHookean
 from fem.materials.neo_hookean import NeoHookean
 
 NU = 0.45
