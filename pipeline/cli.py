@@ -7,10 +7,11 @@ import errno
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO, cast
 
 import typer
 from typer.core import TyperGroup
@@ -43,7 +44,44 @@ from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import SAID, ended_like_ctrl_c
 from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory
 from pipeline.problem import BatchRefused, plain_message
-from pipeline.terminal_language import in_language_of_locale
+from reports.language import ENGLISH, of_environment, spoken
+from reports.messages import message
+
+
+class _Translated:
+    """A stream that translates each line written to it to `language`, if a catalogue has the line."""
+
+    def __init__(self, stream: TextIO, language: str) -> None:
+        self._stream, self._language = stream, language
+
+    def write(self, text: str | bytes) -> int:
+        """Writes the lines of the text, each translated. Raises TypeError for bytes, as the stream does."""
+        if isinstance(text, bytes):
+            raise TypeError("expected text")
+        with spoken(self._language):
+            lines = [_translated(line) for line in text.splitlines(keepends=True)]
+        self._stream.write("".join(lines))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def in_language_of_locale() -> Iterator[None]:
+    """Inside the block, standard output and standard error are in the locale's language."""
+    if (language := of_environment()) == ENGLISH:
+        yield
+        return
+    out, err = (cast("TextIO", _Translated(stream, language)) for stream in (sys.stdout, sys.stderr))
+    with redirect_stdout(out), redirect_stderr(err):
+        yield
+
+
+def _translated(line: str) -> str:
+    """The translated line; its indent and its end are not part of the sentence and stay."""
+    text = line.strip()
+    return line.replace(text, message(text), 1) if text else line
 
 
 class _Commands(TyperGroup):

@@ -22,7 +22,7 @@ SHOWN = 5
 def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Console) -> None:
     """The verdict in a sentence, the ranking, E before and after, held-out grasps, what to record next.
 
-    The entry's sentences are in the locale's language; pipeline.terminal_language translates the lines around
+    The entry's sentences are in the locale's language; pipeline.cli translates the lines around
     them.
     """
     with spoken(of_environment()):

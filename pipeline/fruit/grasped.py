@@ -27,8 +27,7 @@ from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
-from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
-from pipeline.fruit.same_recording import refuse_copy
+from pipeline.fruit.recording_owner import Owner, owner_findings, refuse_copy, stranger
 from pipeline.fruit.stage_log import StageLog
 from recon.surface.ray_mesh import SEEN_BY
 from reports.grasp_record import GraspRecord

@@ -18,9 +18,8 @@ from fem.indentation.explain_trace import explain_trace, linear_modulus
 from fem.indentation.no_contact import first_touch, require_force
 from fem.indentation.rig_share import OF_A_BATCH, rig_share
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus
-from pipeline.batch.diagnosis_record import suspected_of
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import ModulusRecord, PressedRecord, ScreenRecord
+from pipeline.batch.records import ModulusRecord, PressedRecord, ScreenRecord, suspected_of
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
 from pipeline.files.plain_file import printable
@@ -36,7 +35,7 @@ from pipeline.fruit.bare_traces import (
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import admitted, owner_of, why_no_grasp
 from pipeline.fruit.input_doubts import DOUBTED, Doubt, of_findings, relative_sd
-from pipeline.fruit.same_recording import refuse_copy
+from pipeline.fruit.recording_owner import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.trace_geometry import Stated, stated_in_table
 from pipeline.problem import BatchRefused

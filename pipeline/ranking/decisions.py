@@ -15,8 +15,7 @@ from functools import partial
 from typing import Any
 
 from fem.mismatch.result import UNKNOWN
-from pipeline.batch.diagnosis_record import DiagnosisRecord
-from pipeline.batch.records import FruitRecord
+from pipeline.batch.records import DiagnosisRecord, FruitRecord
 from pipeline.batch.settings import Grading
 from pipeline.ranking.maturity import Rank, maturity
 from reports.entries import HOLD, INSPECT, SHIP, Suspicion

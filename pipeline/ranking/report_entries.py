@@ -9,12 +9,11 @@ import numpy as np
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 from fem.mismatch.result import UNKNOWN
-from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
-from pipeline.batch.records import FruitRecord, read_as
+from pipeline.batch.records import DiagnosisRecord, FruitRecord, read_as
 from pipeline.batch.settings import Grading
 from pipeline.batch.verdicts import Trail, Verdict, read_trail
 from pipeline.ranking.batch_faults import BatchFault, old_calibrations

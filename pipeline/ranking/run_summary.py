@@ -85,7 +85,7 @@ def _ranking(batch: BatchEntry) -> Table:
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     """The ranking as a table, failures with their reasons, doubts and warnings, where the files are.
 
-    The table is in the locale's language; pipeline.terminal_language translates the lines.
+    The table is in the locale's language; pipeline.cli translates the lines.
     """
     with spoken(of_environment()):
         table = _ranking(batch)

@@ -36,8 +36,7 @@ from pipeline.fruit.fruit_shape import measured
 from pipeline.fruit.input_doubts import of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
-from pipeline.fruit.recording_owner import Owner, owner_findings
-from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
+from pipeline.fruit.recording_owner import Owner, in_two_fruit, owner_findings, refuse_copy
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from pipeline.run.photo_checks import at, doubted, photo_problems, tried
@@ -47,9 +46,9 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
 from tactile.consistency.finding import Finding
 from tactile.correction import corrected
-from tactile.pad_reference import references_said
 from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.readers.recording import Recording, read_recording, recording_digest
+from tactile.reference_print import references_said
 from tactile.rig.rig_curve import RigCurve
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]

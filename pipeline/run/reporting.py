@@ -17,7 +17,7 @@ from pipeline.batch.write_guard import results_lock
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
-from pipeline.fruit.same_recording import copies_doubted
+from pipeline.fruit.recording_owner import copies_doubted
 from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.batch_faults import batch_faults
 from pipeline.ranking.reference_ratio import ReferenceFinding, as_measured

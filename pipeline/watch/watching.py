@@ -16,7 +16,7 @@ from pipeline.batch.records import FruitRecord
 from pipeline.batch.write_guard import results_lock
 from pipeline.exit_status import DONE, INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten
-from pipeline.fruit.same_recording import copies_doubted
+from pipeline.fruit.recording_owner import copies_doubted
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.reference_temperature import compared
 from pipeline.run.batch_run import BatchRun, GradeOptions

@@ -9,10 +9,9 @@ from jaxtyping import Bool, Float
 
 from tactile.markers.matching import UNSURE
 from tactile.markers.tracking import FrameMarkers, Places, TrackedMarkers, follow, labelled_places, places_of
-from tactile.pad_reference import pad_reference
 from tactile.readers.pictures import checked
 from tactile.readers.raw_grasp import RawCamera, RawPad
-from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, shown_print
+from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, pad_reference, shown_print
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileProblem
 

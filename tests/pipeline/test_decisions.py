@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from graded_results import graded
 
-from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.fruits_table import Given
-from pipeline.batch.records import ScreenRecord, SuspectedRecord
+from pipeline.batch.records import DiagnosisRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
 from pipeline.ranking.maturity import class_probabilities, standings

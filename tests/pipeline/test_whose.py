@@ -18,8 +18,7 @@ from pipeline.batch.opening import open_batch
 from pipeline.batch.records import ModulusRecord, ScreenRecord
 from pipeline.batch.task import fruit_task
 from pipeline.fruit.grasped import grasped_fruit
-from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
-from pipeline.fruit.same_recording import copies_doubted
+from pipeline.fruit.recording_owner import Owner, copies_doubted, owner_findings, stranger
 from pipeline.fruit.stage_log import StageLog
 from pipeline.run.fruit_queue import kept_record
 from reports.grasp_record import GraspRecord

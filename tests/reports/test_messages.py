@@ -20,12 +20,12 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.procedure import TWICE
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.write_guard import require_file_apart, require_free, require_made_by_drupe
+from pipeline.cli import in_language_of_locale
 from pipeline.diagnosis.diagnosis import Diagnosis
 from pipeline.diagnosis.explaining import explain_entry
 from pipeline.diagnosis.terminal_summary import print_explanation
 from pipeline.files.manifest import NotOurs, claim, enter
 from pipeline.problem import BatchRefused
-from pipeline.terminal_language import in_language_of_locale
 from reports.entries import ReferenceEntry, ScreenEntry, Suspect
 from reports.explain_entries import EffectEntry, ExplainEntry
 from reports.explain_page import explain_html

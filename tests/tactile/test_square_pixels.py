@@ -19,9 +19,9 @@ from tactile.from_frames import recording_of
 from tactile.gel.slab import GelSlab
 from tactile.gel_camera import on_face, project
 from tactile.markers.pad_frames import camera_of, tracked_markers
-from tactile.pad_reference import references_said
 from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.readers.sensor_model import read_model
+from tactile.reference_print import references_said
 from tactile.sensor_description import described
 from tactile.square_pixels import square_camera, with_square_pixels
 
