@@ -58,29 +58,6 @@ def used_part(vertices: Vertices, faces: Faces) -> Mesh:
     return vertices[used], np.asarray(renumbered).reshape(faces.shape)
 
 
-def consistently_oriented(faces: Faces) -> Faces:
-    """The faces, reoriented so that neighbours traverse their shared edge in opposite directions.
-
-    Unchanged if an edge does not have two faces, or the surface has one side (a Moebius strip). Each face has
-    two copies, original and reversed. Copies that agree along an edge are joined; all that are joined to the
-    first face's original agree with it.
-    """
-    m, ends = len(faces), sides_of(faces)
-    _, of_side = unique_edges(faces)
-    if m == 0 or (np.bincount(of_side) != 2).any():
-        return faces
-    sides = np.argsort(of_side, kind="stable").reshape(-1, 2)
-    i, j = (sides % m).T
-    against = (ends[sides[:, 0], 0] == ends[sides[:, 1], 0]).astype(np.int64)
-    rows = np.concatenate([i, i + m])
-    columns = np.concatenate([j + m * against, j + m * (1 - against)])
-    as_they_are, turned = parts_of(np.stack([rows, columns], axis=1), 2 * m).reshape(2, m)
-    if (as_they_are == turned).any():
-        return faces
-    flipped = as_they_are > turned  # a body has two labels; its faces with the higher one are reversed
-    return np.where(flipped[:, None], faces[:, ::-1], faces)
-
-
 def volume_mm3(vertices: Vertices, faces: Faces) -> float:
     """Enclosed volume, sum of a . (b x c) / 6 over the faces; positive for outward faces.
 

@@ -11,12 +11,11 @@ from jaxtyping import Int
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.ply_file import NotPly, read_header, read_ply
-from recon.surface.ray_mesh import SEEN_BY
+from recon.surface.ray_mesh import SEEN_BY, consistently_oriented
 from recon.triangle_mesh import (
     Faces,
     Mesh,
     Vertices,
-    consistently_oriented,
     open_edges,
     used_part,
     volume_mm3,

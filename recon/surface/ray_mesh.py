@@ -1,5 +1,5 @@
-"""Nearest points of a mesh, intersections with rays, and the number of cameras that see each vertex (Open3D,
-one thread, single precision).
+"""Nearest points of a mesh, intersections with rays, the number of cameras that see each vertex, and the
+faces' orientation (Open3D, one thread, single precision).
 """
 
 from types import ModuleType
@@ -60,6 +60,17 @@ def open3d() -> ModuleType:
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
     loaded: ModuleType = module
     return loaded
+
+
+def consistently_oriented(faces: Faces) -> Faces:
+    """The faces, reoriented so that neighbours traverse their shared edge in opposite directions.
+
+    Unchanged if the surface has one side (a Moebius strip).
+    """
+    o3d = open3d()
+    corners = o3d.utility.Vector3dVector(np.zeros((int(faces.max(initial=-1)) + 1, 3)))
+    mesh = o3d.geometry.TriangleMesh(corners, o3d.utility.Vector3iVector(faces.astype(np.int32)))
+    return np.array(mesh.triangles, dtype=np.int64) if mesh.orient_triangles() else faces
 
 
 class RayMesh:

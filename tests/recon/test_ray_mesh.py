@@ -7,8 +7,8 @@ import pytest
 
 from recon.recon_failure import ReconFailure
 from recon.silhouettes.hull import ball
-from recon.surface.ray_mesh import open3d, seeing_views, seen_and_unseen
-from recon.triangle_mesh import consistently_oriented, open_edges, sides_of, unique_edges
+from recon.surface.ray_mesh import consistently_oriented, open3d, seeing_views, seen_and_unseen
+from recon.triangle_mesh import open_edges, sides_of, unique_edges
 
 
 @pytest.mark.parametrize(
