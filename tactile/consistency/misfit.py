@@ -3,7 +3,7 @@
 Each relation is a quantity whose spread over valid recordings is known. With r its distance in standard
 deviations, its log likelihood is that of Student's t with 9 degrees of freedom, -5 ln(1 + r^2 / 9). The heavy
 tails allow for fruit and sensors that no recording shows yet (Lange, Little and Taylor 1989). The standard
-deviations in relations.py, machine_relations.py and footprint.py come from benchmarks/field_spreads.py unless
+deviations in relations.py and footprint.py come from benchmarks/field_spreads.py unless
 marked as assumed.
 """
 
