@@ -2,7 +2,7 @@
 
 An effect's evidence is the mean over its signatures, or that of its full model after a refit. A pair is the
 effect of the greater evidence and a second one. The second counts by the evidence that its signature adds to
-the first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
+the first, above the error of the first one's law (`law_error` of fem.mismatch.effect_spec). A second effect
 that adds nothing makes no pair.
 """
 
@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE, UNKNOWN
@@ -128,11 +127,11 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
-        remaining, noisy = _equations_after(linear, first)
+        remaining, signal = _equations_after(linear, first)
         for second in singles[number + 1 :]:
             if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
-            added = [_second(linear, noisy, way) for way in ways[second.name]]
+            added = [_second(linear, fit, way, remaining, signal) for way in ways[second.name]]
             gain = mean_gain([way.gain for way in added])
             best = max(added, key=lambda way: way.gain)
             if gain > 0 and best.gain > 0:
@@ -156,25 +155,30 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     return pairs
 
 
-def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
-    """The equations of all signatures given a first effect: with its law exact, and with LAW_ERROR."""
+def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, float]:
+    """The equations of all signatures given a first effect, and the signal that it explains."""
     (fit,) = first.linear_fits
     if first.refit is not None and first.refit.others is not None:
-        equations, signal = first.refit.others, first.refit.signal
-    elif fit.columns:
-        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
-    else:  # its evidence is direct: it does not change the motion
-        equations, signal = linear.equations, 0.0
-    return equations, equations.with_law_error(max(signal, 0.0), LAW_ERROR)
+        return first.refit.others, max(first.refit.signal, 0.0)
+    if not fit.columns:  # its evidence is direct: it does not change the motion
+        return linear.equations, 0.0
+    equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
+    return equations, max(signal, 0.0)
 
 
-def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
-    """A signature's fit given a first effect; its gain is the evidence that it adds."""
+def _second(
+    linear: LinearRound, first: LinearFit, fit: LinearFit, equations: SignatureEquations, signal: float
+) -> LinearFit:
+    """A signature's fit given a first effect; its gain is the evidence that it adds to the error of the
+    first one's law.
+    """
     if not fit.columns:
         return fit
     numbers = equations.numbers(fit.columns)
-    amounts = equations.amounts(numbers)
-    moved = float(equations.log_bayes_factor(numbers, equations.right[None])[0])
+    share = first.effect.spec.law_error
+    noisy = equations.with_law_error(numbers, signal=signal, share=share)
+    amounts = noisy.amounts(numbers)
+    moved = float(noisy.log_bayes_factor(numbers, noisy.right[None])[0])
     wrong = violates_sign_constraint(linear.products, fit.columns, amounts)
     said = min(fit.auxiliary_log_likelihood - fit.direct, max(moved, 0.0))
     return replace(fit, amounts=amounts, gain=-np.inf if wrong else moved + said + fit.direct)
