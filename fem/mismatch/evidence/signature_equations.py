@@ -121,13 +121,9 @@ class SignatureEquations:
         inside = (axes[:, kept] / np.sqrt(energy[kept])).T @ self.law_error[at]
         return float(min(np.linalg.norm(inside, 2) ** 2, 1.0))
 
-    def with_law_error(self, columns: Sequence[int], *, signal: float, share: float) -> "SignatureEquations":
-        """The equations for a signature beside a first effect, which explains `signal`, if the first's law is
-        not exact. Its error counts as noise, `share`^2 times the signal, as far as the signature resembles
-        it.
-        """
-        noise = 1 + share**2 * signal * self.resemblance(columns)
-        return replace(self, normal=self.normal / noise, right=self.right / noise)
+    def with_noise(self, variance: float) -> "SignatureEquations":
+        """The equations in noise of this variance instead of 1."""
+        return replace(self, normal=self.normal / variance, right=self.right / variance)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
         """Posterior means of the amounts of these columns without others: (N + L)^-1 b."""
