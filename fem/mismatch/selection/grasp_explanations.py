@@ -183,7 +183,7 @@ def _law(linear: LinearRound, single: Hypothesis) -> _Law:
     if single.refit is not None and single.refit.others is not None:
         equations, signal = single.refit.others, single.refit.signal
     elif fit.columns:
-        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
+        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))[0], fit.chi2_drop
     else:  # its evidence is direct: it does not change the motion
         equations, signal = linear.equations, 0.0
     return _Law(equations=equations, error=fit.effect.spec.law_error**2 * max(signal, 0.0))
