@@ -119,7 +119,7 @@ class SignatureEquations:
         energy, axes = np.linalg.eigh(self.normal[np.ix_(at, at)])
         kept = energy > SAME_ERROR * energy.max()
         inside = (axes[:, kept] / np.sqrt(energy[kept])).T @ self.law_error[at]
-        return float(min(np.linalg.norm(inside, 2) ** 2, 1.0))
+        return min(float(np.linalg.norm(inside, 2)) ** 2, 1.0)
 
     def with_noise(self, variance: float) -> "SignatureEquations":
         """The equations in noise of this variance instead of 1."""

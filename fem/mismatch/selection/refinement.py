@@ -230,7 +230,7 @@ class _Search:
 
     def from_prior(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         """The parameters less the means of their priors, in standard deviations; zero without one."""
-        return np.nan_to_num((at - self.mean) / self.spread)
+        return np.asarray(np.nan_to_num((at - self.mean) / self.spread))
 
     def begun(self, model: CaseModel, known: Sequence[dict[str, float]] = ()) -> _Linearised:
         """The model at the start; if there is none, as for a pit that pokes out, at a start nearer to zero.
