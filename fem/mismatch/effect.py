@@ -32,11 +32,13 @@ Amounts: TypeAlias = Float[np.ndarray, " k"]
 
 class Prior(NamedTuple):
     """Normal prior of a parameter: its mean, and the standard deviation on the scale searched (relative where
-    `log`). It is half-normal if the mean is at the parameter's lower bound or below.
+    `log`). It is half-normal if the mean is at the parameter's lower bound or below. One that was `measured`
+    holds the parameter; others state its usual size, which real effects exceed, and do not.
     """
 
     mean: float
     sd: float
+    measured: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,7 +93,9 @@ class GelFault(Effect):
         the gel less well, and their own model error would change it.
         """
         start = self.start(model, signature, np.zeros(len(self.amounts)))
-        return {name: Prior(start[name], HELD * sd) for name, sd in self.relation_sd(model).items()}
+        return {
+            name: Prior(start[name], HELD * sd, measured=True) for name, sd in self.relation_sd(model).items()
+        }
 
     def relation_sd(self, model: CaseModel) -> dict[str, float]:
         """Standard deviation of each parameter from the relation, on the search's scale."""

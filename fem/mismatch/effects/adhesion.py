@@ -65,7 +65,7 @@ class Adhesion(Effect):
 
     def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
         """The measured reach."""
-        return {REACH: Prior(*model.pull.reach_mm)}
+        return {REACH: Prior(*model.pull.reach_mm, measured=True)}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The plain model's response: the recorded forces include the pull."""

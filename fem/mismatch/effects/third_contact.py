@@ -199,7 +199,10 @@ class ThirdContact(Effect):
         contact = best_contact(model)
         value, sd = (LEAST_N, LEAST_N) if contact is None else contact.greatest_N
         place = zip(CENTRE, signature.variant.values[:3], strict=True)
-        return {**{name: Prior(x, PLACE_SD_MM) for name, x in place}, FORCE: Prior(value, sd / value)}
+        return {
+            **{name: Prior(x, PLACE_SD_MM, measured=True) for name, x in place},
+            FORCE: Prior(value, sd / value, measured=True),
+        }
 
     def where(self, parameters: Parameters) -> Where:
         """The place on the skin."""

@@ -2,8 +2,8 @@
 
 Parameters are searched on the scale of their EffectParameter. Finite-difference slopes of the response about
 the current parameters are columns like any other. Their amounts are the step, and their covariance is that of
-the parameters. The evidence is that of the last linearised model (Laplace). Priors are those of the
-signatures' amounts; a parameter without one has a prior as wide as its bounds allow.
+the parameters. The evidence is that of the last linearised model (Laplace). Priors are as wide as those of
+the signatures' amounts; a parameter without one has a prior as wide as its bounds allow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -215,8 +215,8 @@ class _Search:
             [sd if prior is None else prior.sd for sd, prior in zip(wide, known, strict=True)]
         )
         mean = np.array([np.nan if prior is None else prior.mean for prior in known])
-        self.positive = mean <= low
-        self.mean = self._scale(mean)
+        self.mean, self.positive = self._scale(mean), mean <= low
+        self.held = np.array([prior is not None and prior.measured for prior in known])
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
@@ -229,8 +229,8 @@ class _Search:
         )
 
     def from_prior(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """The parameters less the means of their priors, in standard deviations; zero without one."""
-        return np.asarray(np.nan_to_num((at - self.mean) / self.spread))
+        """The parameters less the means of measured priors, in standard deviations; zero for others."""
+        return np.asarray(np.where(self.held, (at - self.mean) / self.spread, 0.0))
 
     def begun(self, model: CaseModel, known: Sequence[dict[str, float]] = ()) -> _Linearised:
         """The model at the start; if there is none, as for a pit that pokes out, at a start nearer to zero.
@@ -375,8 +375,8 @@ class _Search:
         last = slice(len(fit.amounts) - len(slopes), None)
         covariance, step = fit.covariance[last, last], fit.amounts[last]
         log_evidence = fit.log_evidence - (step @ np.linalg.solve(covariance, step) + offset @ offset) / 2
-        sharper = (self.spread / np.sqrt(np.diag(covariance)))[self.positive]
-        log_evidence += (np.log(2.0) + log_ndtr(offset[self.positive] * sharper)).sum()
+        above = ((at - self.mean) / np.sqrt(np.diag(covariance)))[self.positive]
+        log_evidence += (np.log(2.0) + log_ndtr(above)).sum()
         # the columns' priors are about these parameters
         fit = replace(fit, amounts=fit.amounts - fit.covariance[:, last] @ (offset / self.spread))
         return _Linearised(
