@@ -11,7 +11,7 @@ fem/mismatch/effects that defines one such object as EFFECT.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,17 @@ Parameters: TypeAlias = Mapping[str, float]
 """Values of an effect's searched parameters, by name."""
 Amounts: TypeAlias = Float[np.ndarray, " k"]
 """Amounts of a signature's columns."""
+
+
+class Prior(NamedTuple):
+    """Normal prior of a parameter: its mean, and the standard deviation on the scale searched (relative where
+    `log`). It is half-normal if the mean is at the parameter's lower bound or below. One that was `measured`
+    holds the parameter; others state its usual size, which real effects exceed, and do not.
+    """
+
+    mean: float
+    sd: float
+    measured: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,11 +198,15 @@ class Effect(ABC):
         """ln likelihood ratio of its direct evidence, effect to no effect; it counts in full."""
         return 0.0
 
-    def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """Standard deviation of each searched parameter that was measured. The search uses it as the prior
-        about its start.
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """Priors of searched parameters, the same as those of the signature's amounts; by default the amounts
+        are the parameters. A parameter without one has the prior of its bounds (EffectParameter.spread). An
+        effect that overrides `start` overrides this, too.
         """
-        return {}
+        return {
+            spec.name: Prior(0.0, column.sd)
+            for spec, column in zip(self.spec.searched, signature.columns, strict=True)
+        }
 
     def where(self, parameters: Parameters) -> Where | None:
         """Its place in the fruit; None if it has no place."""

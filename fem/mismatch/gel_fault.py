@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.estimation.prepared_grasp import prepared_grasp
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.evidence.gel_relation import (
     GelLaw,
     GelRecord,
@@ -88,11 +88,14 @@ class GelFault(Effect):
             return 0.0
         return measured.evidence if self.flesh_gain(model) > 0 else 0.0
 
-    def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """HELD times that of the relation, on the search's scale. The flesh's equations determine the gel
-        less well, and their own model error would change it.
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The start, with HELD times the standard deviation of the relation. The flesh's equations determine
+        the gel less well, and their own model error would change it.
         """
-        return {name: HELD * sd for name, sd in self.relation_sd(model).items()}
+        start = self.start(model, signature, np.zeros(len(self.amounts)))
+        return {
+            name: Prior(start[name], HELD * sd, measured=True) for name, sd in self.relation_sd(model).items()
+        }
 
     def relation_sd(self, model: CaseModel) -> dict[str, float]:
         """Standard deviation of each parameter from the relation, on the search's scale."""

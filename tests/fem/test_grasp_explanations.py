@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from fem.mismatch import effect_spec
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Signature
 from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.selection import grasp_explanations
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
@@ -61,19 +61,25 @@ def test_a_second_signature_adds_what_dense_evidence_says():
         assert added(remaining, (second,)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
-    """Orthogonal columns: the second is then measured alone, in noise that is stronger."""
+def test_more_noise_makes_evidence_weaker_as_dense_evidence_says():
     rng = np.random.default_rng(2)
     columns = fields(rng)
-    columns[2] -= columns[0] * (columns[0] @ columns[2]) / (columns[0] @ columns[0])
-    data = 2.0 * columns[0] + 0.5 * columns[2] + rng.normal(size=NUMBERS)
-    signal = (columns[0] @ data) ** 2 / (columns[0] @ columns[0] + SD**-2)
-    noise = 1 + 0.2**2 * signal
-    expected = dense_evidence(data, columns[2], noise=noise) - dense_evidence(data, noise=noise)
-    remaining, explained = equations(columns, data).given((0,))
-    assert explained == pytest.approx(signal)
-    remaining = remaining.with_law_error(signal, 0.2)
-    assert added(remaining, (2,)) == pytest.approx(expected, rel=1e-6)
+    data = 0.5 * columns[2] + rng.normal(size=NUMBERS)
+    expected = dense_evidence(data, columns[2], noise=3.0) - dense_evidence(data, noise=3.0)
+    assert added(equations(columns, data).with_noise(3.0), (2,)) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+def test_a_signature_resembles_errors_of_a_law_by_its_energy_in_their_space(share):
+    """`share` of a signature's energy is in the space of the errors, which are redundant and of any size."""
+    axes = np.linalg.qr(np.random.default_rng(7).normal(size=(NUMBERS, 5)))[0].T
+    errors = np.array([3.0 * axes[0], axes[0] + 5.0 * axes[1], axes[1]])
+    columns = np.array([np.sqrt(share) * axes[1] + np.sqrt(1 - share) * axes[2], axes[3], axes[4]])
+    alone = equations(columns, columns[0])
+    given = alone.given_law(errors @ errors.T, columns @ errors.T)
+    assert alone.resemblance((0,)) == 1.0, "not known"
+    assert given.resemblance((0,)) == pytest.approx(share, abs=1e-6)
+    assert given.resemblance((0, 1)) == pytest.approx(share, abs=1e-6), "in the most similar direction"
 
 
 def test_amounts_are_posterior_means():
@@ -115,15 +121,21 @@ def by_name(linear: LinearRound) -> dict[str, Hypothesis]:
     return {explanation.name: explanation for explanation in all_explanations(linear)}
 
 
-def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monkeypatch):
+def test_a_law_that_is_not_exact_hides_a_second_effect_of_less_than_its_error():
     """Equal signals are beyond a share of LAW_ERROR of one another; less than it is not."""
     equal = by_name(round_of((0.3, 0.3, 0.0)))
     pair = equal["anisotropy+skin"]
     assert pair.gain > max(equal[name].gain for name in NAMES) + 3
-    weak = round_of((1.0, 0.8 * LAW_ERROR, 0.0))
-    assert "anisotropy+skin" not in by_name(weak)
-    monkeypatch.setattr(grasp_explanations, "LAW_ERROR", 0.0)
-    assert "anisotropy+skin" in by_name(weak)
+    assert pair.gain + pair.hidden > max(equal[name].gain + equal[name].hidden for name in NAMES) + 3
+    weak = by_name(round_of((1.0, 0.8 * LAW_ERROR, 0.0)))
+    pair, single = weak["anisotropy+skin"], weak["skin"]
+    assert pair.gain > single.gain + 10, "if the law were exact"
+    assert pair.gain + pair.hidden < single.gain + single.hidden + 3
+
+
+def test_no_evidence_is_hidden_where_laws_are_exact(monkeypatch):
+    monkeypatch.setattr(effect_spec, "LAW_ERROR", 0.0)
+    assert {each.hidden for each in all_explanations(round_of((1.0, 0.3, 0.2)))} == {0.0}
 
 
 def test_an_effect_of_the_wrong_sign_is_no_second_one():
@@ -158,8 +170,7 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
     in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
     pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
     if left:
-        expected = added(others.with_law_error(signal, LAW_ERROR), (0,))
-        assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
+        assert pair.gain == pytest.approx(first.gain + 100.0 + added(others, (0,)))
         drop = others.right[0] ** 2 / (others.normal[0, 0] + others.sd[0] ** -2.0)
         assert pair.misfit == pytest.approx(first.misfit - drop / linear.numbers)
         for more in (5.0, -5.0):

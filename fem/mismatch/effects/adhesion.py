@@ -12,7 +12,7 @@ the pulled markers' stretches, estimated as twice the largest minus the second l
 
 from collections.abc import Sequence
 
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.signature_variant import ONE_WAY, Variant
@@ -63,9 +63,9 @@ class Adhesion(Effect):
         """Evidence of the markers that pull."""
         return model.pull.evidence
 
-    def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """Standard deviation of the reach."""
-        return {REACH: model.pull.reach_mm[1]}
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The measured reach."""
+        return {REACH: Prior(*model.pull.reach_mm, measured=True)}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The plain model's response: the recorded forces include the pull."""

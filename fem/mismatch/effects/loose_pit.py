@@ -27,7 +27,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import spread_out
 from fem.mesh.tetrahedra import boundary_faces
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import Fields, GraspResponse
@@ -105,6 +105,10 @@ class LoosePit(Effect):
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's own gap; its amount is the fitted 1/E over the plain model's."""
         return self.spec.within_bounds(signature.variant.values[0])
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The gap has that of its bounds."""
+        return {}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Response of flesh that touches its pit where it is pressed on it.

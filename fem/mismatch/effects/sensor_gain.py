@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.model.case_model import CaseModel
@@ -80,6 +80,10 @@ class SensorGain(Effect):
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The gain, from the amount 1 - 1/gain."""
         return self.spec.within_bounds(1 / max(1 - float(amounts[0]), 1e-3))
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """About a true sensor."""
+        return {"gain": Prior(1.0, signature.columns[0].sd)}
 
     def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
         """ln likelihood ratio of the stated gel stiffnesses, with this gain to without."""

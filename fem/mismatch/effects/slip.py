@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
 from fem.mismatch.model.case_model import CaseModel
@@ -93,6 +93,10 @@ class Slip(Effect):
     def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
         """From the number of markers on this cone."""
         return max(_ratios(model).log_ratio(parameters[MU]), 0.0)
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The coefficient has that of its bounds."""
+        return {}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The markers, behind the skin by the slid path."""

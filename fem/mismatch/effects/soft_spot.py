@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.strain_path import linear_stress
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import matrix_operator, neo_hookean_operator, piecewise_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
@@ -124,6 +124,10 @@ class SoftSpot(Effect):
         """The ball."""
         x, y, z = (parameters[name] for name in CENTRE)
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=parameters[RADIUS])
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """Place, radius and ratio have those of their bounds."""
+        return {}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Every recording's markers on flesh with such a ball in it; the change of large deformation is that

@@ -12,7 +12,7 @@ refits omit the former.
 from collections.abc import Sequence
 
 from fem.materials.fung_neo_hookean import fung_at_small_strain
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.stress_history import beyond_linear, stiffening_path, whole_response
@@ -66,6 +66,10 @@ class Stiffening(Effect):
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The amount within the bounds: at the best-fitting modulus both halves of its error cancel."""
         return self.spec.within_bounds(max(float(amounts[0]), 1.0))
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The rate has that of its bounds."""
+        return {}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""

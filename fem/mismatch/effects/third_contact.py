@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import SurfacePoints, locate, spread_out
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.third_force import SCALES, ForceBalance, ThirdForce, axes_at, peak_N
 from fem.mismatch.model.case_model import CaseModel
@@ -194,11 +194,15 @@ class ThirdContact(Effect):
             return 0.0
         return contact.search + sum(force.volume for force in contact.forces if force is not None)
 
-    def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """PLACE_SD_MM about the starting place; relative error of the measured force."""
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """PLACE_SD_MM about the starting place; the measured force."""
         contact = best_contact(model)
         value, sd = (LEAST_N, LEAST_N) if contact is None else contact.greatest_N
-        return {**dict.fromkeys(CENTRE, PLACE_SD_MM), FORCE: sd / value}
+        place = zip(CENTRE, signature.variant.values[:3], strict=True)
+        return {
+            **{name: Prior(x, PLACE_SD_MM, measured=True) for name, x in place},
+            FORCE: Prior(value, sd / value, measured=True),
+        }
 
     def where(self, parameters: Parameters) -> Where:
         """The place on the skin."""

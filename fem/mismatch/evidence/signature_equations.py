@@ -13,12 +13,16 @@ from scipy.special import log_ndtr, logsumexp
 
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 
+SAME_ERROR = 1e-3
+"""Share of the greatest energy below which a direction is that of others, up to noise. Set by hand."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SignatureEquations:
     """`columns`: those of the case's products, in order. `ways`: each effect's alternative signatures, as
     indices of their columns here. `sd`, `positive`: prior of each amount; `least`: the smallest meaningful
-    value of a positive amount.
+    value of a positive amount. `law_error`: products of the columns with orthonormal errors of the law that
+    is given (fem.mismatch.evidence.law_error), if there is one.
     """
 
     normal: Float[np.ndarray, "c c"]
@@ -28,6 +32,7 @@ class SignatureEquations:
     least: Float[np.ndarray, " c"]
     ways: Mapping[str, Sequence[Sequence[int]]]
     columns: tuple[int, ...] = ()
+    law_error: Float[np.ndarray, "c m"] | None = None
 
     @classmethod
     def of(
@@ -95,12 +100,30 @@ class SignatureEquations:
             right=self.right - self.normal[:, given_columns] @ solved[:, -1],
         ), float(self.right[given_columns] @ solved[:, -1])
 
-    def with_law_error(self, signal: float, law_error: float) -> "SignatureEquations":
-        """The equations if the law of a first effect, which explains `signal`, is not exact. Its error counts
-        as noise with a variance of `law_error`^2 times the signal in any direction.
+    def given_law(
+        self, errors: Float[np.ndarray, "e e"], products: Float[np.ndarray, "c e"]
+    ) -> "SignatureEquations":
+        """The equations with the law's errors: their products with each other and with the columns."""
+        size = np.sqrt(np.maximum(np.diag(errors), np.finfo(float).tiny))
+        share, axes = np.linalg.eigh(errors / np.outer(size, size))
+        kept = share > SAME_ERROR * share.max()
+        return replace(self, law_error=products / size @ axes[:, kept] / np.sqrt(share[kept]))
+
+    def resemblance(self, columns: Sequence[int]) -> float:
+        """The greatest share of a signature's energy in the space of the law's errors, over its amounts; 1
+        if that space is not known.
         """
-        noise = 1 + law_error**2 * signal
-        return replace(self, normal=self.normal / noise, right=self.right / noise)
+        if self.law_error is None:
+            return 1.0
+        at = list(columns)
+        energy, axes = np.linalg.eigh(self.normal[np.ix_(at, at)])
+        kept = energy > SAME_ERROR * energy.max()
+        inside = (axes[:, kept] / np.sqrt(energy[kept])).T @ self.law_error[at]
+        return min(float(np.linalg.norm(inside, 2)) ** 2, 1.0)
+
+    def with_noise(self, variance: float) -> "SignatureEquations":
+        """The equations in noise of this variance instead of 1."""
+        return replace(self, normal=self.normal / variance, right=self.right / variance)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
         """Posterior means of the amounts of these columns without others: (N + L)^-1 b."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.relaxing_arm import RelaxingArm, lagging
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.signature_variant import Variant, at_value
@@ -60,6 +60,11 @@ class FadingLaw(Effect):
         weight = self.weight(model)
         arm = RelaxingArm.of_creep(weight * max(float(amounts[0]), 0.0), signature.variant.values[0])
         return self.spec.within_bounds(arm.g / weight, arm.tau_s)
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The share that corresponds to a usual amount; none of tau."""
+        share = self.spec.searched[0].name
+        return {share: Prior(0.0, self.start(model, signature, np.array([PRIOR_SD]))[share])}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The response, exact for force histories that are linear between frames."""

@@ -13,7 +13,7 @@ from scipy.sparse import bsr_array, csr_array
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.fung_neo_hookean import neo_hookean_stress
 from fem.materials.strain_path import PathLaw
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.finite_change import finite_change, in_proportion
 from fem.mismatch.model.force_noise import OfFlesh
@@ -65,6 +65,10 @@ class LinearLaw(Effect):
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The plain law's theta plus the amount."""
         return self.spec.within_bounds(self.null(model) + amounts[0])
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """That of theta about the plain law's."""
+        return {self.spec.searched[0].name: Prior(self.null(model), self.sd)}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The response with this theta, in the reduced space."""

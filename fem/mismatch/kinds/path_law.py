@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.strain_path import PathLaw, Points, Tensors
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.stress_history import PathState, fixed_point, path_state, whole_response
 from fem.mismatch.signature_variant import Variant, at_value, significant
@@ -66,6 +66,11 @@ class PathLawEffect(Effect):
         """The signature's level and amount."""
         before = self.from_amount(max(float(amounts[0]), 0.0))
         return self.spec.within_bounds(*before, signature.variant.values[0])
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """The parameters that correspond to a usual amount; none of the level."""
+        usual = zip(self.spec.searched, self.from_amount(self.sd), strict=False)
+        return {spec.name: Prior(0.0, sd) for spec, sd in usual}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Equilibrium with the law, by fixed-point iteration. Raises FemFailure (NOT_CONVERGED)."""

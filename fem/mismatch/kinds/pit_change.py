@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT
-from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Prior, Response, Signature
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.force_noise import OfInnerChange
 from fem.mismatch.model.inner_changes import inner_changes
@@ -53,6 +53,10 @@ class PitChange(Effect):
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The pit's parameters from the amounts."""
         return self.spec.within_bounds(*(self.value(amount) for amount in amounts))
+
+    def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
+        """That of the causes' amounts, to first order."""
+        return {spec.name: Prior(self.value(0.0), self.sd) for spec in self.spec.searched}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The response with that pit. Raises FemFailure if the pit would leave the flesh."""

@@ -60,7 +60,8 @@ DRAWS = 2000
 @dataclass(frozen=True, kw_only=True)
 class Weighed:
     """One explanation before its probability. `gain`: log Bayes factor over the plain model. `direct`: the
-    part of `gain` from evidence that does not depend on the flesh. `misfit`: its chi-square per number.
+    part of `gain` from evidence that does not depend on the flesh. `hidden`: evidence against it that errors
+    of its laws explain; it is added to `gain`. `misfit`: its chi-square per number.
     `tenable`: False if its full model cannot be computed; unknown physics may still resemble it.
     """
 
@@ -68,6 +69,7 @@ class Weighed:
     gain: float
     misfit: float
     direct: float = 0.0
+    hidden: float = 0.0
     tenable: bool = True
 
 
@@ -99,7 +101,7 @@ def probabilities(
     effects = sum(explanation.name != NONE and "+" not in explanation.name for explanation in explanations)
     named, resembled = [], []
     for explanation in explanations:
-        gain = explanation.gain / temperature
+        gain = (explanation.gain + explanation.hidden) / temperature
         remaining = max(explanation.misfit - MISFIT, 0.0) / excess
         left = -np.log(mean) - remaining / mean
         prior = log_prior(explanation.name, effects=effects)

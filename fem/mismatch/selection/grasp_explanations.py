@@ -1,9 +1,10 @@
 """All explanations: none, every effect, and every pair that the data support.
 
 An effect's evidence is the mean over its signatures, or that of its full model after a refit. A pair is the
-effect of the greater evidence and a second one. The second counts by the evidence that its signature adds to
-the first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
-that adds nothing makes no pair.
+effect of the greater evidence and a second one, which counts by the evidence that its signature adds to the
+first. A second effect that adds nothing makes no pair. Laws of effects are not exact (`law_error` of
+fem.mismatch.effect_spec). Evidence against an explanation that the errors of its laws explain does not count
+(`hidden`): otherwise another effect would be named for them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE, UNKNOWN
@@ -25,6 +25,20 @@ from fem.mismatch.selection.screening import (
     violates_sign_constraint,
     without_model_error,
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Law:
+    """The equations of all signatures given an effect, and the variance of its law's error over that of the
+    noise, for a signature that resembles it fully.
+    """
+
+    equations: SignatureEquations
+    error: float
+
+    def noise(self, columns: Sequence[int]) -> float:
+        """Variance of the law's error along a signature, over that of the noise."""
+        return self.error * self.equations.resemblance(columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +83,12 @@ def all_explanations(
     known = in_full or {}
     singles = [known.get(fits[0].name) or _single(linear, fits) for fits in _ways(linear.linear_fits)]
     singles.sort(key=lambda single: -single.gain)
-    pairs = [_no_better_than(known.get(pair.name), pair) for pair in _pairs(linear, singles)]
+    laws = {single.name: _law(linear, single) for single in singles}
+    pairs = [_no_better_than(known.get(pair.name), pair) for pair in _pairs(linear, singles, laws)]
+    singles = [
+        replace(single, hidden=_hidden(laws[single.name].equations, {single.name: laws[single.name]}))
+        for single in singles
+    ]
     none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
     return [*singles, *pairs, none]
 
@@ -77,7 +96,7 @@ def all_explanations(
 def _no_better_than(in_full: Hypothesis | None, pair: Hypothesis) -> Hypothesis:
     if in_full is None:
         return pair
-    return replace(in_full, gain=min(pair.gain, in_full.gain), direct=pair.direct)
+    return replace(in_full, gain=min(pair.gain, in_full.gain), direct=pair.direct, hidden=pair.hidden)
 
 
 def misfit_left(linear: LinearRound, fits: Sequence[LinearFit]) -> float:
@@ -119,7 +138,7 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
     return mean, float(np.sqrt(share @ (added**2 + (changes - mean) ** 2)))
 
 
-def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
+def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str, _Law]) -> list[Hypothesis]:
     """Each effect with every one of smaller evidence that adds evidence to it.
 
     Two faults of one gel relation make no pair: each partly resembles the other.
@@ -128,20 +147,22 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
-        remaining, noisy = _equations_after(linear, first)
+        remaining = laws[first.name].equations
         for second in singles[number + 1 :]:
             if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
-            added = [_second(linear, noisy, way) for way in ways[second.name]]
+            added = [_second(linear, remaining, way) for way in ways[second.name]]
             gain = mean_gain([way.gain for way in added])
             best = max(added, key=lambda way: way.gain)
             if gain > 0 and best.gain > 0:
-                columns = (*fit.columns, *best.columns)
-                drop = remaining.given(remaining.numbers(best.columns))[1] if best.columns else 0.0
+                columns, left, drop = (*fit.columns, *best.columns), remaining, 0.0
+                if best.columns:
+                    left, drop = remaining.given(remaining.numbers(best.columns))
                 pairs.append(
                     Hypothesis(
                         name="+".join(sorted((first.name, second.name))),
                         gain=first.gain + gain,
+                        hidden=_hidden(left, {each.name: laws[each.name] for each in (first, second)}),
                         misfit=first.misfit - drop / linear.numbers,
                         direct=first.direct + best.direct,
                         linear_fits=(fit, best),
@@ -156,16 +177,43 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     return pairs
 
 
-def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
-    """The equations of all signatures given a first effect: with its law exact, and with LAW_ERROR."""
-    (fit,) = first.linear_fits
-    if first.refit is not None and first.refit.others is not None:
-        equations, signal = first.refit.others, first.refit.signal
+def _law(linear: LinearRound, single: Hypothesis) -> _Law:
+    """By the effect's full model if there is one, else by its signature."""
+    (fit,) = single.linear_fits
+    if single.refit is not None and single.refit.others is not None:
+        equations, signal = single.refit.others, single.refit.signal
     elif fit.columns:
-        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
+        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))[0], fit.chi2_drop
     else:  # its evidence is direct: it does not change the motion
         equations, signal = linear.equations, 0.0
-    return equations, equations.with_law_error(max(signal, 0.0), LAW_ERROR)
+    return _Law(equations=equations, error=fit.effect.spec.law_error**2 * max(signal, 0.0))
+
+
+def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> float:
+    """Log evidence against an explanation that the errors of its effects' `laws` explain: what the data say
+    for another effect beside it if these laws are exact, less what they say in the noise of the errors. That
+    of the effect for which it is greatest. `equations`: given the explanation.
+    """
+    most = 0.0
+    for name, ways in equations.ways.items():
+        if name in laws or not len(ways):
+            continue
+        exact = _added(equations, ways, [0.0] * len(ways))
+        if exact > 0:
+            noise = [sum(law.noise(way) for law in laws.values()) for way in ways]
+            most = max(most, exact - _added(equations, ways, noise))
+    return most
+
+
+def _added(equations: SignatureEquations, ways: Sequence[Sequence[int]], noise: Sequence[float]) -> float:
+    """Log Bayes factor of an effect in additional noise, the mean over its signatures."""
+    noisy = [equations.with_noise(1 + more) for more in noise]
+    return mean_gain(
+        [
+            float(each.log_bayes_factor(way, each.right[None])[0])
+            for each, way in zip(noisy, ways, strict=True)
+        ]
+    )
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:

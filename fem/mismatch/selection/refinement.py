@@ -2,8 +2,8 @@
 
 Parameters are searched on the scale of their EffectParameter. Finite-difference slopes of the response about
 the current parameters are columns like any other. Their amounts are the step, and their covariance is that of
-the parameters. The evidence is that of the last linearised model (Laplace), with a prior as wide as the
-bounds allow.
+the parameters. The evidence is that of the last linearised model (Laplace). Priors are as wide as those of
+the signatures' amounts; a parameter without one has a prior as wide as its bounds allow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,11 +14,13 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, superposed
 from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
+from fem.mismatch.evidence.law_error import modulated_changes
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.case_model import CaseModel
@@ -200,13 +202,21 @@ class _Search:
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
         quarter = (self.high - self.low) / 4
-        spreads = [
-            measured.get(spec.name, spec.spread)
+        known = [
+            priors.get(spec.name)
             for fit in linear_fits
-            for measured in [fit.effect.measured_sd(model)]
+            for priors in [fit.effect.prior(model, fit.signature)]
             for spec in fit.effect.spec.searched
         ]
-        self.spread = np.array([a if b is None else b for a, b in zip(quarter, spreads, strict=True)])
+        wide = [
+            share if spec.spread is None else spec.spread for share, spec in zip(quarter, specs, strict=True)
+        ]
+        self.spread = np.array(
+            [sd if prior is None else prior.sd for sd, prior in zip(wide, known, strict=True)]
+        )
+        mean = np.array([np.nan if prior is None else prior.mean for prior in known])
+        self.mean, self.positive = self._scale(mean), mean <= low
+        self.held = np.array([prior is not None and prior.measured for prior in known])
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
@@ -217,6 +227,10 @@ class _Search:
         return np.asarray(
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
+
+    def from_prior(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """The parameters less the means of measured priors, in standard deviations; zero for others."""
+        return np.asarray(np.where(self.held, (at - self.mean) / self.spread, 0.0))
 
     def begun(self, model: CaseModel, known: Sequence[dict[str, float]] = ()) -> _Linearised:
         """The model at the start; if there is none, as for a pit that pokes out, at a start nearer to zero.
@@ -321,13 +335,15 @@ class _Search:
             products, chosen = self.linear.products.about(
                 self.model, response, self.nuisances, signatures=self.signatures
             )
-            self.known = {key: (response, products.fit(chosen).log_evidence)}
+            offset = self.from_prior(at)
+            merit = products.fit(chosen).log_evidence - float(offset @ offset) / 2
+            self.known = {key: (response, merit)}
         return self.known[key]
 
     def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
         """The model about these parameters, with its slopes as columns.
 
-        Laplace: the slopes' remaining gain is subtracted; only their widths count.
+        Laplace: the slopes' remaining gain is subtracted; only their widths and priors count.
         """
         response, merit = self._about(at)
         slopes: list[Regressor] = []
@@ -355,17 +371,18 @@ class _Search:
         products, chosen = self.linear.products.about(
             self.model, response, self.nuisances, slopes, signatures=self.signatures
         )
-        fit = products.fit(chosen)
-        slope_columns = slice(len(fit.amounts) - len(slopes), None)
-        still = (
-            fit.amounts[slope_columns]
-            @ np.linalg.solve(fit.covariance[slope_columns, slope_columns], fit.amounts[slope_columns])
-            / 2
-        )
+        fit, offset = products.fit(chosen), self.from_prior(at)
+        last = slice(len(fit.amounts) - len(slopes), None)
+        covariance, step = fit.covariance[last, last], fit.amounts[last]
+        log_evidence = fit.log_evidence - (step @ np.linalg.solve(covariance, step) + offset @ offset) / 2
+        above = ((at - self.mean) / np.sqrt(np.diag(covariance)))[self.positive]
+        log_evidence += (np.log(2.0) + log_ndtr(above)).sum()
+        # the columns' priors are about these parameters
+        fit = replace(fit, amounts=fit.amounts - fit.covariance[:, last] @ (offset / self.spread))
         return _Linearised(
             at=at,
             merit=merit,
-            log_evidence=float(fit.log_evidence - still),
+            log_evidence=float(log_evidence),
             response=response,
             ahead=tuple(steps),
             products=products,
@@ -374,17 +391,21 @@ class _Search:
         )
 
     def others_equations(self, now: _Linearised) -> SignatureEquations:
-        """The equations of all signatures given the model, with its slopes integrated out."""
+        """The equations of all signatures given the model and the errors of its law, with its slopes
+        integrated out.
+        """
         equations, cut = self.linear.equations, len(now.chosen) - len(self.spread)
         slopes = [now.products.columns[j] for j in now.chosen[cut:]]
         products, chosen = self.linear.products.about(
             self.model,
             now.response,
             (*self.nuisances, *equations.columns),
-            slopes,
+            [*slopes, *modulated_changes(self.model, now.response)],
             signatures=self.signatures,
         )
-        first = len(self.nuisances)
-        last = first + len(equations.columns)
-        normal, right = products.marginal((*chosen[:first], *chosen[last:]), chosen[first:last])
-        return replace(equations, normal=normal, right=right)
+        ends = np.cumsum([len(self.nuisances), len(equations.columns), len(slopes)])
+        nuisances, signatures, slope_columns, errors = (chosen[a:b] for a, b in pairwise([0, *ends, None]))
+        normal, right = products.marginal((*nuisances, *slope_columns), (*signatures, *errors))
+        mine, law = slice(len(signatures)), slice(len(signatures), None)
+        alone = replace(equations, normal=normal[mine, mine], right=right[mine])
+        return alone.given_law(normal[law, law], normal[mine, law])
