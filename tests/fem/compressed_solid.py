@@ -1,9 +1,10 @@
-"""Solids of revolution squeezed by a rigid flat tool, in axisymmetric finite elements at finite strain.
+"""Solids of revolution squeezed by a rigid tool, in axisymmetric finite elements at finite strain.
 
 Quadratic quadrilaterals in the undeformed shape (total Lagrangian), Newton's method, node-wise frictionless
-contact: the truth for spheres and cylinders between plates and for a flat punch. Nothing of fem is used. The
-flesh is a compressible neo-Hookean solid, P = mu (F - F^-T) + lambda ln J F^-T (Bonet and Wood, "Nonlinear
-Continuum Mechanics for Finite Element Analysis", 2nd ed., 2008, eq. 6.28), or linear at small strain.
+contact: the truth for spheres and cylinders between plates, for a flat punch and a ball. Nothing of fem is
+used. The flesh is a compressible neo-Hookean solid, P = mu (F - F^-T) + lambda ln J F^-T (Bonet and Wood,
+"Nonlinear Continuum Mechanics for Finite Element Analysis", 2nd ed., 2008, eq. 6.28), or linear or plastic at
+small strain. `git show 7b360655:tests/fem/pressed_slab.py` wrote tests/data/pressed-slab.csv.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from scipy.sparse.linalg import splu
 #: F as (rr, rz, zr, zz, tt): row and column in the 3 x 3 tensor with axes r, z, t
 ROW, COLUMN = np.array([0, 0, 1, 1, 2]), np.array([0, 1, 0, 1, 2])
 ONE = (ROW == COLUMN).astype(float)
+TURNED = np.array([0, 2, 1, 3, 4])
 
 
 def lame(nu):
@@ -47,16 +49,44 @@ def neo_hookean(change, nu):
 def linear(change, nu):
     """The same at small strain."""
     lam, mu = lame(nu)
-    C = lam * np.outer(ONE, ONE) + mu * np.eye(5) + mu * np.eye(5)[[0, 2, 1, 3, 4]]
+    C = lam * np.outer(ONE, ONE) + mu * np.eye(5) + mu * np.eye(5)[TURNED]
     return change @ C, np.broadcast_to(C, (*change.shape, 5))
+
+
+class Plastic:
+    """Perfect von Mises plasticity with a little hardening, by radial return, at small strain."""
+
+    def __init__(self, yield_MPa, hardening=0.01):
+        self.yield_MPa, self.hardening = yield_MPa, hardening
+        self.set_, self.run = 0.0, 0.0
+
+    def __call__(self, change, nu):
+        lam, mu = lame(nu)
+        bulk, H = (lam + 2 / 3 * mu) * np.outer(ONE, ONE), self.hardening
+        free = (change + change[..., TURNED]) / 2 - self.set_
+        shear = 2 * mu * (free - (free @ ONE)[..., None] * ONE / 3)
+        size = np.maximum(np.linalg.norm(shear, axis=-1), 1e-30)
+        limit = np.sqrt(2 / 3) * (self.yield_MPa + H * self.run)
+        flow = np.maximum(size - limit, 0) / (2 * mu + 2 / 3 * H)
+        way = shear / size[..., None]
+        self.trial = flow[..., None] * way, np.sqrt(2 / 3) * flow
+        left = 1 - 2 * mu * flow / size
+        bend = np.where(flow > 0, 1 / (1 + H / (3 * mu)) - (1 - left), 0.0)
+        slope = bulk + left[..., None, None] * (linear(change, nu)[1] - bulk)
+        slope = slope - 2 * mu * bend[..., None, None] * way[..., :, None] * way[..., None, :]
+        return free @ bulk + left[..., None] * shear, slope
+
+    def settle(self):
+        """The step is done: remember."""
+        self.set_, self.run = self.set_ + self.trial[0], self.run + self.trial[1]
 
 
 @dataclass
 class CompressedSolid:
     """A grid of nodes (2 m + 1, 2 n + 1, 2) of lengths r and z, E = 1.
 
-    `fixed` (like nodes): displacements that are zero. `tool`: numbers of the nodes that a flat tool, coming
-    down along z, can touch (or, with `bonded`, holds).
+    `fixed` (like nodes): displacements that are zero. `tool`: numbers of the nodes that a tool, coming down
+    along z, can touch (or, with `bonded`, holds); `gap`: how far it lies above its lowest place there.
     """
 
     nodes: np.ndarray
@@ -65,6 +95,7 @@ class CompressedSolid:
     nu: float
     law: object = neo_hookean
     bonded: bool = False
+    gap: np.ndarray | float = 0.0
 
     def __post_init__(self):
         self.ring = RingElements.of(self.nodes)
@@ -76,7 +107,7 @@ class CompressedSolid:
         self.B = B.reshape(*self.volume.shape, 5, 18)
         self.free = ~self.fixed.reshape(-1)
         self.down = 2 * self.tool + 1
-        self.height = self.nodes.reshape(-1, 2)[self.tool, 1]
+        self.height = self.nodes.reshape(-1, 2)[self.tool, 1] - self.gap
         self.face = self.height.max()
         self.u = np.zeros(self.nodes.size)
         self.touching = np.full(len(self.tool), self.bonded)
@@ -106,8 +137,8 @@ class CompressedSolid:
             jump[held] = (face_z - self.height - self.u[self.down])[self.touching]
             free = self.free.copy()
             free[held] = False
-            size = np.linalg.norm(inner[free])
-            balanced = size < 1e-7 * (1e-6 + np.abs(inner[self.down]).sum()) and np.abs(jump).max() < 1e-10
+            size, far = np.linalg.norm(inner[free]), np.abs(jump).max() > 1e-10
+            balanced = size < 1e-7 * (1e-6 + np.abs(inner[self.down]).sum()) and not far
             if balanced:
                 if self.bonded:
                     break
@@ -127,15 +158,15 @@ class CompressedSolid:
             step[free] = splu(K[free][:, free], permc_spec="MMD_AT_PLUS_A").solve(rhs[free])
             for part in (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.003):
                 after = self.inner(self.u + part * step)[0]
-                if np.isfinite(after).all() and (
-                    np.abs(jump).max() > 1e-10 or np.linalg.norm(after[free]) < size
-                ):
+                if np.isfinite(after).all() and (far or np.linalg.norm(after[free]) < size):
                     break
             else:
                 raise RuntimeError("no step is short enough")
             self.u = self.u + part * step
         else:
             raise RuntimeError("the solid did not settle")
+        if isinstance(self.law, Plastic):
+            self.law.settle()
         self.face = face_z
         return float(-inner[self.down].sum())
 
@@ -198,3 +229,18 @@ def punched_slab(*, nu, radius, thickness, wide, inside=14, outside=16, down=14,
     number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
     tool = number[r < radius * (1 + 1e-9), -1]
     return CompressedSolid(nodes=nodes, fixed=fixed_axis(nodes), tool=tool, nu=nu, law=law, bonded=True)
+
+
+def pressed_slab(*, nu, thickness, wide, contact, ball=None, across=20, down=12, law=linear):
+    """A slab bonded to a rigid base under a frictionless ball of that radius; without one, a flat end of
+    1.6 `contact` holds on to it.
+    """
+    fine = 1.6 * contact * np.linspace(0, 1, across + 1) ** 1.2
+    r = _between(np.r_[fine, np.geomspace(fine[-1], wide, 17)[1:]])
+    z = thickness * (1 - (1 - np.linspace(0, 1, 2 * down + 1)) ** 2.2)
+    nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1)
+    near = r <= (fine[-1] if ball is None else 0.98 * ball)
+    tool = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])[near, -1]
+    gap = 0.0 if ball is None else ball - np.sqrt(ball**2 - r[near] ** 2)
+    held = {"law": law, "gap": gap, "bonded": ball is None}
+    return CompressedSolid(nodes=nodes, fixed=fixed_axis(nodes), tool=tool, nu=nu, **held)

@@ -1,7 +1,7 @@
 """Presses of a ball with a hidden effect: curves from finite elements, memory by Ting's own integrals.
 
-Nothing of fem is used: no springs, no recursion, no Hertz. The curves (pressed_slab.py) are for E = 1 MPa, a
-ball of 5 mm and a slab of 15 mm.
+Nothing of fem is used: no springs, no recursion, no Hertz. The curves (compressed_solid.py) are those of
+a ball of 5 mm on a slab of 15 mm, for E = 1 MPa.
 """
 
 import csv

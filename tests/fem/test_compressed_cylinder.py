@@ -5,6 +5,11 @@ from compressed_solid import cylinder, linear
 from fem.fem_failure import FemFailure
 from fem.indentation.compressed_cylinder import Cylinder
 
+SLIDING = np.array([0.1, 0.2, 0.3])
+IN_TABLE = np.array([0.01, 0.07, 0.13, 0.2])
+BEYOND = np.arange(0.04, 0.45, 0.04)
+"""Strains up to 44 %, where the coarse mesh stops; a finer one stops earlier."""
+
 
 def force(strain, *, ends, nu, height=1.0, diameter=1.0):
     curve = Cylinder(diameter_mm=diameter, height_mm=height, ends=ends).curve(
@@ -26,13 +31,6 @@ def test_incompressible_sliding_ends_are_the_neo_hookean_closed_form():
     assert stress == pytest.approx((left**-2 - left) / 3, rel=1e-3)
 
 
-def test_sliding_ends_agree_with_finite_elements():
-    solid = cylinder(nu=0.4, radius=0.5, height=1.0, bonded=False, across=3, up=3)
-    strain = np.array([0.1, 0.2, 0.3])
-    truth = [solid.force_at(0.5 * (1 - e)) for e in strain]
-    assert force(strain, ends="lubricated", nu=0.4) == pytest.approx(truth, rel=1e-4)
-
-
 @pytest.mark.parametrize("slender", [0.1, 0.125, 0.2])
 def test_thin_bonded_discs_follow_gent_and_lindley(slender):
     """1/Ea = 1/(E (1 + 2 S^2)) + 1/K, S = D/(4 H); of the finite elements, which reach thinner."""
@@ -45,20 +43,23 @@ def test_thin_bonded_discs_follow_gent_and_lindley(slender):
 
 
 @pytest.mark.parametrize(
-    ("nu", "slender"),
+    ("ends", "nu", "slender", "mesh", "strain", "rel"),
     [
-        (0.35, 0.8),
-        pytest.param(0.43, 0.27, marks=pytest.mark.proof),
-        (0.47, 1.2),
-        pytest.param(0.49, 0.6, marks=pytest.mark.proof),
+        ("lubricated", 0.4, 1.0, (3, 3), SLIDING, 1e-4),
+        ("bonded", 0.35, 0.8, (20, 14), IN_TABLE, 0.01),
+        pytest.param("bonded", 0.43, 0.27, (20, 14), IN_TABLE, 0.01, marks=pytest.mark.proof),
+        ("bonded", 0.47, 1.2, (20, 14), IN_TABLE, 0.01),
+        pytest.param("bonded", 0.49, 0.6, (20, 14), IN_TABLE, 0.01, marks=pytest.mark.proof),
+        ("bonded", 0.49, 0.6, (8, 6), BEYOND, 0.05),
     ],
 )
-def test_bonded_ends_agree_with_finite_elements_between_the_tables_shapes(nu, slender):
-    """On another mesh than the table's, at 1 % to 20 % strain."""
-    solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=20, up=14)
-    strain = np.array([0.01, 0.07, 0.13, 0.2])
+def test_curves_agree_with_finite_elements(ends, nu, slender, mesh, strain, rel):
+    """On other meshes and shapes than the table's."""
+    across, up = mesh
+    bonded = ends == "bonded"
+    solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=bonded, across=across, up=up)
     truth = [solid.force_at(slender / 2 * (1 - e)) for e in strain]
-    assert force(strain, ends="bonded", nu=nu, height=slender) == pytest.approx(truth, rel=0.01)
+    assert force(strain, ends=ends, nu=nu, height=slender) == pytest.approx(truth, rel=rel)
 
 
 def test_tall_specimens_do_not_know_their_ends():
@@ -75,11 +76,3 @@ def test_what_the_table_does_not_hold_is_refused():
         Cylinder(diameter_mm=1.0, height_mm=1.0, ends="bonded").curve(thickness_mm=5.0, poisson_ratio=0.4)
     with pytest.raises(FemFailure, match="height 0 mm"):
         Cylinder(diameter_mm=1.0, height_mm=0.0, ends="bonded")
-
-
-def test_held_ends_beyond_the_table_follow_coarse_finite_elements():
-    """Up to 44 %, where the coarse mesh stops; a finer one stops earlier."""
-    solid = cylinder(nu=0.49, radius=0.5, height=0.6, bonded=True, across=8, up=6)
-    strain = np.arange(0.04, 0.45, 0.04)
-    truth = np.array([solid.force_at(0.3 * (1 - e)) for e in strain])
-    assert force(strain, ends="bonded", nu=0.49, height=0.6) == pytest.approx(truth, rel=0.05)

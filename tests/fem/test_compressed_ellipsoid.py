@@ -30,7 +30,7 @@ def test_a_slight_squeeze_of_a_sphere_is_hertz_at_both_contacts():
     ],
 )
 def test_finite_elements_between_the_tables_shapes_agree_within_a_fiftieth(nu, along, pit_share):
-    solid = spheroid(nu=nu, along=along, pit_share=pit_share, round_=28, out=12)
+    solid = spheroid(nu=nu, along=along, pit_share=pit_share, round_=20, out=9)
     truth = [solid.force_at(along * (1 - x)) for x in SQUEEZES]
     force = curve(2.0, 2.0, 2 * along, pit_share=pit_share, nu=nu).force_N_per_MPa(2 * along * SQUEEZES)
     assert force == pytest.approx(truth, rel=0.02)

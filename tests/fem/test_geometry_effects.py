@@ -82,21 +82,20 @@ def test_relaxing_flesh_keeps_its_share_in_a_long_hold_in_every_geometry(name):
     assert force_N[1:] / force(GEOMETRIES[name], None, sudden)[1:] == pytest.approx(kept[1:], rel=0.03)
 
 
-def test_stiffening_of_an_even_field_is_fungs_law_itself():
-    """Stress exp(b W/mu) times linear, W = E e^2/2 and mu = E/(2 (1 + nu)) of one strain."""
-    strain = TRAVEL_MM / 10.0
-    share = np.exp(3.0 * (strain**2 / 2) * 2 * (1 + NU))
+STRAIN = TRAVEL_MM / 10.0
+FUNG = np.exp(3.0 * (STRAIN**2 / 2) * 2 * (1 + NU))
+"""Stress exp(b W/mu) times linear, W = E e^2/2 and mu = E/(2 (1 + nu)) of one strain."""
+SIMO = 1 - 0.5 * -np.expm1(-(np.maximum.accumulate(STRAIN) ** 2 / 2) / 0.005)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "share"),
+    [("stiffening", {"b": 3.0}, FUNG), ("damage", {"dmax": 0.5, "W0_over_E": 0.005}, SIMO)],
+    ids=["stiffening is Fung's law", "damage is Simo's law"],
+)
+def test_an_effect_of_an_even_field_is_its_law_itself(effect, values, share):
     expected = force(SLIDING) * share
-    force_N = force(SLIDING, "stiffening", b=3.0)
-    assert force_N == pytest.approx(expected, abs=5e-3 * expected.max())
-
-
-def test_damage_of_an_even_field_is_simos_law_itself():
-    strain = np.maximum.accumulate(TRAVEL_MM) / 10.0
-    keep = 1 - 0.5 * -np.expm1(-(strain**2 / 2) / 0.005)
-    expected = force(SLIDING) * keep
-    force_N = force(SLIDING, "damage", dmax=0.5, W0_over_E=0.005)
-    assert force_N == pytest.approx(expected, abs=5e-3 * expected.max())
+    assert force(SLIDING, effect, **values) == pytest.approx(expected, abs=5e-3 * expected.max())
 
 
 def test_an_even_field_flows_at_its_yield_stress_and_keeps_what_it_set():

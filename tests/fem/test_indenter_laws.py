@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from compressed_solid import pressed_slab
 from injected_presses import NU, RADIUS_MM, THICK_MM, curve
-from pressed_slab import Linear, PressedSlab
 
 from fem.indentation.ball import Ball
 from fem.indentation.effects.trace_damage import damage_share
@@ -15,9 +15,9 @@ SLAB = Ball(radius_mm=RADIUS_MM).curve(thickness_mm=THICK_MM, poisson_ratio=NU)
 
 
 def test_the_curves_are_the_finite_elements_own():
-    slab = PressedSlab(RADIUS_MM, THICK_MM, 60.0, 3.1, Linear(nu=NU), across=18, down=10)
+    slab = pressed_slab(nu=NU, ball=RADIUS_MM, thickness=THICK_MM, wide=60.0, contact=3.1)
     depth, force = curve("linear")
-    assert slab.force_at(1.0) == pytest.approx(np.interp(1.0, depth[:20], force[:20]), rel=0.01)
+    assert slab.force_at(THICK_MM - 1.0) == pytest.approx(np.interp(1.0, depth[:20], force[:20]), rel=0.01)
 
 
 def test_hertz_energy_in_the_half_space_is_the_work_of_the_force():

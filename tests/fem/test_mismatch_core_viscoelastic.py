@@ -1,6 +1,7 @@
 """Flesh that relaxes: creep against closed forms and the convolution that defines it, and found again."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -47,6 +48,12 @@ def crept(force: np.ndarray, time_s: np.ndarray, g: float, tau_s: float) -> np.n
     return force[0] / (1 - g) + np.sum(grown, axis=0)
 
 
+def relaxed(unit: np.ndarray, *, g: float, tau_s: float) -> np.ndarray:
+    """Displacements of a recording, each of them crept."""
+    flat = unit.reshape(len(unit), -1)
+    return np.stack([crept(course, TIME_S, g, tau_s) for course in flat.T], axis=1).reshape(unit.shape)
+
+
 @pytest.mark.parametrize(("g", "tau_s"), [(0.3, 0.4), (0.6, 5.0)])
 def test_the_model_creeps_as_the_convolution_says(g, tau_s):
     model = model_of()
@@ -87,12 +94,7 @@ def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_a
 
 def test_flesh_that_relaxes_is_found():
     g, tau_s = 0.4, 1.2
-
-    def relaxed(unit: np.ndarray) -> np.ndarray:
-        flat = unit.reshape(len(unit), -1)
-        return np.stack([crept(course, TIME_S, g, tau_s) for course in flat.T], axis=1).reshape(unit.shape)
-
-    case = only_grasp(injected_case(crept=relaxed), 1)
+    case = only_grasp(injected_case(crept=partial(relaxed, g=g, tau_s=tau_s)), 1)
     _, _, again = linear_and_refitted(case, EFFECT)
     (parameters,) = again.parameters
     assert parameters["g"] == pytest.approx(g, rel=0.06)

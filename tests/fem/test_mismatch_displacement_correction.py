@@ -1,14 +1,14 @@
 """With an effect that is known in the model, the modulus of a recording that shows it is right."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
-from injected_mismatch import E_MPA, TIME_S, injected_case, only_grasp
+from injected_mismatch import E_MPA, injected_case, only_grasp
 from pinched_case_model import as_case, long_pinch, model_of
 from plain_model import kept_solid
-from test_mismatch_core_viscoelastic import crept
+from test_mismatch_core_viscoelastic import relaxed
 
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
@@ -29,12 +29,7 @@ RELAXING = KnownEffect(effect=viscoelastic.EFFECT, parameters=lambda _: {"g": G,
 @cache
 def relaxed_case() -> MismatchCase:
     """A grasp of flesh that relaxes, by the convolution that defines it."""
-
-    def relaxed(unit: np.ndarray) -> np.ndarray:
-        flat = unit.reshape(len(unit), -1)
-        return np.stack([crept(course, TIME_S, G, TAU_S) for course in flat.T], axis=1).reshape(unit.shape)
-
-    return only_grasp(injected_case(crept=relaxed), 1)
+    return only_grasp(injected_case(crept=partial(relaxed, g=G, tau_s=TAU_S)), 1)
 
 
 @pytest.mark.slow

@@ -10,6 +10,8 @@ from injected_mismatch import NU, finders_mesh, injected_case, on_pad, only_gras
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.fem_failure import FemFailure
+from fem.mismatch import screen as module
+from fem.mismatch.effects import viscoelastic
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model import plain_model
 from fem.mismatch.screen import Screened, screen
@@ -91,8 +93,9 @@ def test_a_sound_fruit_has_no_gain_and_no_drift():
 
 
 @pytest.mark.slow
-def test_an_effect_that_grading_takes_into_account_is_no_longer_found():
+def test_an_effect_that_grading_takes_into_account_is_no_longer_found(monkeypatch):
     """Flesh that answers 15 % more from the hold on, once unsaid and once taken in."""
+    monkeypatch.setattr(module, "_screened_effects", lambda: [viscoelastic.EFFECT])
     share = 0.15 * (np.arange(17) >= 9)[:, None, None]
     case = injected_case(crept=lambda unit: unit * (1 + share))
     plain = screen_of(case)

@@ -88,19 +88,17 @@ def test_a_smooth_distribution_is_no_cone():
         assert max(ratios.log_ratio(mu) for mu in np.geomspace(0.05, 1.0, 40)) < 1
 
 
-def test_ratios_known_no_better_than_to_themselves_are_no_cone():
+@pytest.mark.parametrize(
+    ("seed", "spread", "sd", "of_each", "widest", "most"),
+    [(3, 0.05, 0.03, 10, 0.18, 0.0), (4, 0.06, 0.01, 1, 0.3, 1.0)],
+    ids=["ratios known no better than to themselves", "a broad top"],
+)
+def test_sizes_of_vectors_of_noise_are_no_cone(seed, spread, sd, of_each, widest, most):
     """The size of a vector of noise is hardly ever near nothing."""
-    rng = np.random.default_rng(3)
-    size = np.linalg.norm(rng.normal(0, 0.05, (4000, 2)), axis=1)
-    ratios = ShearRatios(ratio=size, sd=np.full(4000, 0.03), marker=np.repeat(np.arange(400), 10))
-    assert max(ratios.pile_up(mu) for mu in np.geomspace(0.05, 0.18, 40)) == 0
-
-
-def test_a_distribution_with_a_broad_top_is_no_cone():
-    rng = np.random.default_rng(4)
-    size = np.linalg.norm(rng.normal(0, 0.06, (4000, 2)), axis=1)
-    ratios = ShearRatios(ratio=size, sd=np.full(4000, 0.01), marker=np.arange(4000))
-    assert max(ratios.pile_up(mu) for mu in np.geomspace(0.05, 0.3, 40)) < 1
+    size = np.linalg.norm(np.random.default_rng(seed).normal(0, spread, (4000, 2)), axis=1)
+    marker = np.repeat(np.arange(4000 // of_each), of_each)
+    ratios = ShearRatios(ratio=size, sd=np.full(4000, sd), marker=marker)
+    assert max(ratios.pile_up(mu) for mu in np.geomspace(0.05, widest, 40)) <= most
 
 
 def test_markers_beyond_a_cone_refute_it():

@@ -3,38 +3,36 @@
 import numpy as np
 import pytest
 from injected_recording import (
-    BUDGET,
     E_MPA,
     ball_mesh,
     found_in,
-    free_ball,
     grasp,
     own_sd_MPa,
     plain_model,
     with_pads,
 )
 
-from fem.estimation.grasp_model import grasp_model
-from fem.estimation.modulus import FEWEST_MARKERS, ModulusSign, estimate_modulus
+from fem.estimation.modulus import FEWEST_MARKERS, ModulusSign
 from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.pad_link import OFF_SKIN_MM, contact_nodes
 
-
-def test_forces_that_pull_are_refused():
-    pulled = with_pads(grasp(), force_N=lambda pad: -pad.force_N)
-    with pytest.raises(FemFailure, match="Check the signs") as caught:
-        found_in(pulled, plain_model())
-    assert caught.value.problem is FemProblem.NO_MODULUS
+AIR = {"episode": lambda pad: 0 * pad.episode - 1}
 
 
-def test_no_touch_is_refused():
-    air = with_pads(grasp(), episode=lambda pad: 0 * pad.episode - 1)
-    with pytest.raises(FemFailure) as caught:
-        grasp_model(air, free_ball())
-    assert caught.value.problem is FemProblem.NO_LOAD
-    with pytest.raises(FemFailure) as caught:
-        estimate_modulus(air, plain_model(), budget=BUDGET)
-    assert caught.value.problem is FemProblem.NO_LOAD
+@pytest.mark.parametrize(
+    ("changed", "modelled", "problem", "words"),
+    [
+        ({"force_N": lambda pad: -pad.force_N}, True, FemProblem.NO_MODULUS, "Check the signs"),
+        (AIR, True, FemProblem.NO_LOAD, None),
+        (AIR, False, FemProblem.NO_LOAD, None),
+        ({"force_N": lambda pad: 0 * pad.force_N}, False, FemProblem.NO_LOAD, "found no force"),
+    ],
+    ids=["forces that pull", "no touch", "no touch has no model", "no force has no model"],
+)
+def test_a_grasp_that_shows_no_modulus_is_refused(changed, modelled, problem, words):
+    with pytest.raises(FemFailure, match=words) as caught:
+        found_in(with_pads(grasp(), **changed), plain_model() if modelled else None)
+    assert caught.value.problem is problem
 
 
 def only_touching(history, count):
@@ -57,7 +55,7 @@ def test_fewer_markers_than_hold_a_fruit_are_refused_and_counted():
 def test_a_pad_off_the_mesh_is_refused_with_how_far_it_is():
     off = OFF_SKIN_MM + 1.5
     away = with_pads(grasp(), surface_mm=lambda pad: pad.surface_mm * (1 + off / 25.0))
-    for refused in (lambda: contact_nodes(ball_mesh(), [away]), lambda: grasp_model(away, free_ball())):
+    for refused in (lambda: contact_nodes(ball_mesh(), [away]), lambda: found_in(away)):
         with pytest.raises(FemFailure, match=r"the worst .*4\.[45]\d mm.*Check the pad's pose") as caught:
             refused()
         assert caught.value.problem is FemProblem.OFF_SURFACE
@@ -75,13 +73,6 @@ def test_a_lag_of_the_forces_is_said_and_widens_the_error_bar():
     plain, lagging = found_in(history, plain_model()), found_in(late, plain_model())
     assert lagging.warnings
     assert own_sd_MPa(lagging) > 3 * own_sd_MPa(plain)
-
-
-def test_forces_that_are_all_zero_are_refused():
-    silent = with_pads(grasp(), force_N=lambda pad: 0 * pad.force_N)
-    with pytest.raises(FemFailure, match="found no force") as caught:
-        grasp_model(silent, free_ball())
-    assert caught.value.problem is FemProblem.NO_LOAD
 
 
 def test_frames_that_share_no_marker_are_refused():

@@ -125,18 +125,19 @@ def test_markers_on_the_rim_of_a_patch_are_no_contact():
     assert (contact[:, -3:] == -1).all()
 
 
-def test_a_pad_that_let_go_in_between_counts_its_contacts_anew():
-    normal = np.ones((6, 30))
-    normal[2, FEWEST_PRESSED - 1 :] = 0.0
-    contact = pressing_contacts(pressing(normal), TURN[0])
-    assert [set(row) for row in contact.tolist()] == [{0}, {0}, {-1}, {1}, {1}, {1}]
-
-
-def test_a_marker_that_stops_for_a_frame_is_still_in_its_contact():
-    normal = np.ones((5, 30))
-    normal[2, 4] = 0.0
-    contact = pressing_contacts(pressing(normal), TURN[0])
-    assert contact[:, 4].tolist() == [0, 0, -1, 0, 0]
+@pytest.mark.parametrize(
+    ("released", "off", "after"),
+    [
+        pytest.param(slice(FEWEST_PRESSED - 1, None), slice(None), 1, id="a pad that let go counts anew"),
+        pytest.param(4, 4, 0, id="a marker that stops for a frame is still in its contact"),
+    ],
+)
+def test_a_new_contact_begins_where_the_pad_let_go(released, off, after):
+    normal, expected = np.ones((6, 30)), np.zeros((6, 30))
+    normal[2, released] = 0.0
+    expected[2, off] = -1
+    expected[3:] = after
+    np.testing.assert_array_equal(pressing_contacts(pressing(normal), TURN[0]), expected)
 
 
 def test_a_touch_by_too_few_markers_is_no_load():

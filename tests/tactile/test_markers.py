@@ -81,22 +81,21 @@ def test_without_a_described_grid_a_marker_lies_where_its_ray_meets_the_face() -
     np.testing.assert_allclose(places.rest_mm, GRID, atol=1e-6)
 
 
+NOT_AT_THEIR_PLACES = r"left: found .* markers at their places in the sensor's description"
+
+
 @pytest.mark.parametrize(
-    "other", [marker_grid(7, 9, pitch_mm=(1.3, 1.3), first_mm=None), GRID + np.array([0.9, 0.9, 0.0])]
+    ("other", "shape", "words"),
+    [
+        (marker_grid(7, 9, pitch_mm=(1.3, 1.3), first_mm=None), (240, 320), NOT_AT_THEIR_PLACES),
+        (GRID + np.array([0.9, 0.9, 0.0]), (240, 320), NOT_AT_THEIR_PLACES),
+        (GRID, (480, 640), "found frames of 640 x 480 pixels, expected 320 x 240"),
+    ],
+    ids=["another pitch", "shifted", "frames of another size"],
 )
-def test_another_sensors_markers_are_refused(other: np.ndarray) -> None:
-    with pytest.raises(
-        TactileFailure, match=r"left: found .* markers at their places in the sensor's description"
-    ) as caught:
-        places_of(CAMERA, project(CAMERA, other), GRID, shape=(240, 320), source="left")
-    assert caught.value.problem is TactileProblem.WRONG_SENSOR
-
-
-def test_frames_of_another_size_are_refused() -> None:
-    with pytest.raises(
-        TactileFailure, match="found frames of 640 x 480 pixels, expected 320 x 240"
-    ) as caught:
-        places_of(CAMERA, project(CAMERA, GRID), GRID, shape=(480, 640), source="left")
+def test_another_sensors_pictures_are_refused(other: np.ndarray, shape: tuple[int, int], words: str) -> None:
+    with pytest.raises(TactileFailure, match=words) as caught:
+        places_of(CAMERA, project(CAMERA, other), GRID, shape=shape, source="left")
     assert caught.value.problem is TactileProblem.WRONG_SENSOR
 
 
