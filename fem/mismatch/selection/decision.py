@@ -61,8 +61,8 @@ DRAWS = 2000
 class Weighed:
     """One explanation before its probability. `gain`: log Bayes factor over the plain model. `direct`: the
     part of `gain` from evidence that does not depend on the flesh. `hidden`: evidence against it that errors
-    of its laws explain; it is added to `gain`. `misfit`: its chi-square per number.
-    `tenable`: False if its full model cannot be computed; unknown physics may still resemble it.
+    of its laws explain, less that of the best explanation; it is added to `gain`. `misfit`: its chi-square
+    per number. `tenable`: False if its full model cannot be computed; unknown physics may still resemble it.
     """
 
     name: str

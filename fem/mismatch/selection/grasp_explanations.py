@@ -4,7 +4,8 @@ An effect's evidence is the mean over its signatures, or that of its full model 
 effect of the greater evidence and a second one, which counts by the evidence that its signature adds to the
 first. A second effect that adds nothing makes no pair. Laws of effects are not exact (`law_error` of
 fem.mismatch.effect_spec). Evidence against an explanation that the errors of its laws explain does not count
-(`hidden`): otherwise another effect would be named for them.
+(`hidden`): otherwise another effect would be named for them. The best explanation counts in full against
+"none".
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE, UNKNOWN
@@ -85,12 +87,10 @@ def all_explanations(
     singles.sort(key=lambda single: -single.gain)
     laws = {single.name: _law(linear, single) for single in singles}
     pairs = [_no_better_than(known.get(pair.name), pair) for pair in _pairs(linear, singles, laws)]
-    singles = [
-        replace(single, hidden=_hidden(laws[single.name].equations, {single.name: laws[single.name]}))
-        for single in singles
-    ]
+    singles = [replace(single, hidden=_hidden_single(single, pairs, laws)) for single in singles]
     none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
-    return [*singles, *pairs, none]
+    best = max((none, *singles, *pairs), key=lambda each: each.gain + each.hidden)
+    return [*(replace(each, hidden=each.hidden - best.hidden) for each in (*singles, *pairs)), none]
 
 
 def _no_better_than(in_full: Hypothesis | None, pair: Hypothesis) -> Hypothesis:
@@ -178,15 +178,15 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str
 
 
 def _law(linear: LinearRound, single: Hypothesis) -> _Law:
-    """By the effect's full model if there is one, else by its signature."""
+    """By the effect's full model if there is one, else by its signature, which is not exact for any law."""
     (fit,) = single.linear_fits
     if single.refit is not None and single.refit.others is not None:
-        equations, signal = single.refit.others, single.refit.signal
-    elif fit.columns:
-        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))[0], fit.chi2_drop
-    else:  # its evidence is direct: it does not change the motion
-        equations, signal = linear.equations, 0.0
-    return _Law(equations=equations, error=fit.effect.spec.law_error**2 * max(signal, 0.0))
+        error = fit.effect.spec.law_error**2 * max(single.refit.signal, 0.0)
+        return _Law(equations=single.refit.others, error=error)
+    if not fit.columns:  # its evidence is direct: it does not change the motion
+        return _Law(equations=linear.equations, error=0.0)
+    equations, _ = linear.equations.given(linear.equations.numbers(fit.columns))
+    return _Law(equations=equations, error=LAW_ERROR**2 * max(fit.chi2_drop, 0.0))
 
 
 def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> float:
@@ -201,7 +201,24 @@ def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> float:
         exact = _added(equations, ways, [0.0] * len(ways))
         if exact > 0:
             noise = [sum(law.noise(way) for law in laws.values()) for way in ways]
-            most = max(most, exact - _added(equations, ways, noise))
+            most = max(most, exact - max(_added(equations, ways, noise), 0.0))
+    return most
+
+
+def _hidden_single(single: Hypothesis, pairs: Sequence[Hypothesis], laws: Mapping[str, _Law]) -> float:
+    """`_hidden` of a single effect. A pair exceeds it by no more than the other effect adds in the noise of
+    its law's error.
+    """
+    law = laws[single.name]
+    most = _hidden(law.equations, {single.name: law})
+    for pair in pairs:
+        names = pair.name.split("+")
+        if single.name in names:
+            (other,) = {*names} - {single.name}
+            ways = law.equations.ways.get(other, ())
+            if len(ways):
+                adds = max(_added(law.equations, ways, [law.noise(way) for way in ways]), 0.0)
+                most = max(most, pair.gain + pair.hidden - adds - single.gain)
     return most
 
 
