@@ -116,6 +116,12 @@ def checks():
         for e in (0.02, 0.1, 0.2, 0.3):
             over = force(rod, 0.8 * e) / solid.force_at(0.4 * (1 - e))
             yield "bonded cylinder, height 0.8 D", f"{across} x {up} elements", e, over
+    for across, up in ((8, 6), (12, 9)):
+        solid = cylinder(nu=0.49, radius=0.5, height=0.6, bonded=True, across=across, up=up, sides_touch=True)
+        rod = Cylinder(diameter_mm=1.0, height_mm=0.6, ends="bonded")
+        for e in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.67):
+            over = force(rod, 0.6 * e, nu=0.49) / solid.force_at(0.3 * (1 - e))
+            yield "bonded cylinder, height 0.6 D, sides touch", f"{across} x {up} elements", e, over
     for inside, outside, down in ((10, 12, 10), (16, 20, 16), (24, 28, 22)):
         for thick in (5.0, 1.0, 0.5):
             cells = {"inside": inside, "outside": outside, "down": down}

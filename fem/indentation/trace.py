@@ -105,10 +105,21 @@ class IndenterTrace:
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """Per frame "load" (driven in), "hold" (at rest) or "unload" (drawn back)."""
+        """Per frame "load" (driven in), "hold" (at rest) or "unload" (drawn back).
+
+        The speed is that between the readings before and after all equal readings about a frame, since a
+        coarse travel repeats its readings while the tool moves.
+        """
         if len(self.starts) > 1:
             return tuple(phase for part in self.parts for phase in part.phases)
-        rate = np.gradient(self.travel_mm, self.time_s)
+        first = np.flatnonzero(np.r_[True, np.diff(self.travel_mm) != 0])
+        equal = np.diff(np.r_[first, len(self.time_s)])
+        before = np.repeat(np.maximum(first - 1, 0), equal)
+        after = np.repeat(np.minimum(first + equal, len(self.time_s) - 1), equal)
+        rate = (
+            np.diff(self.travel_mm[[before, after]], axis=0)[0]
+            / np.diff(self.time_s[[before, after]], axis=0)[0]
+        )
         limit = STILL * float(np.max(np.abs(rate)))
         return tuple("load" if v > limit else "unload" if v < -limit else "hold" for v in rate)
 

@@ -18,8 +18,10 @@ KNOWN = {"time": ("time_s",), "force": FORCE, "travel": TRAVEL, "gap": ("gap_mm"
 """Names that need no option. A gap serves if there is no travel."""
 _LIKE = {
     "time": r"time|zeit|temps|tiempo|^t$",
-    "force": r"force|kraft|load|fz|peso|last",
-    "travel": r"travel|displ|pos|ext|stroke|weg|allongement|course|depth|indentation|crosshead|way",
+    "force": r"force|kraft|load|fz|peso|last|fuerza|carga|charge",
+    "travel": r"travel|displ|pos|ext|stroke|weg|allongement|course|depth|indentation|crosshead|way|compres"
+    r"|deflection|deform|verform|verschiebung|stauchung|eindring|[eé]crasement|enfoncement|d[eé]placement"
+    r"|despl|recorrido|carrera|profundidad",
     "gap": r"gap|width|opening|aperture|[eé]cartement|abstand",
 }
 """Words in columns' names by which a message proposes an option; only the user's option takes effect."""
@@ -233,15 +235,25 @@ def proposed(header: Sequence[str]) -> str:
 
     >>> proposed(["", "Time", "GoalForce", "Force", "Pos"])
     '--columns time=Time,force=Force,travel=Pos'
+    >>> proposed(["time", "Compressive stress (MPa)", "Compressive load", "Compression (mm)"])
+    '--columns "time=time,force=Compressive load,travel=Compression (mm)"'
     """
     measured = sorted(header, key=lambda name: bool(_NOT_MEASURED.search(name)))
-    like = {
-        quantity: next((name for name in measured if re.search(words, name, re.IGNORECASE)), "NAME")
-        for quantity, words in _LIKE.items()
-    }
+    like = dict.fromkeys(_LIKE, "NAME")
+    for quantity, words in _LIKE.items():
+        fits = (
+            name for name in measured if re.search(words, name, re.IGNORECASE) and _may_be(name, quantity)
+        )
+        like[quantity] = next((name for name in fits if name not in like.values()), "NAME")
     way = "gap" if like["travel"] == "NAME" != like["gap"] else "travel"
     columns = ",".join(f"{quantity}={like[quantity]}" for quantity in ("time", "force", way))
     return f'--columns "{columns}"' if re.search(r"[^\w=,.-]", columns) else f"--columns {columns}"
+
+
+def _may_be(name: str, quantity: str) -> bool:
+    """Whether the unit in a column's name, if any, is not that of another quantity."""
+    unit = unit_of_name(name, quantity)
+    return not (isinstance(unit, NoUnit) and unit.other is not None)
 
 
 def header_above_numbers(rows: Sequence[Row]) -> tuple[str, ...]:

@@ -86,7 +86,8 @@ class CompressedSolid:
     """A grid of nodes (2 m + 1, 2 n + 1, 2) of lengths r and z, E = 1.
 
     `fixed` (like nodes): displacements that are zero. `tool`: numbers of the nodes that a tool, coming down
-    along z, can touch (or, with `bonded`, holds); `gap`: how far it lies above its lowest place there.
+    along z, can touch; it holds those that are `bonded` (one truth value, or one for each). `gap`: how far
+    the tool lies above its lowest place there.
     """
 
     nodes: np.ndarray
@@ -94,7 +95,7 @@ class CompressedSolid:
     tool: np.ndarray
     nu: float
     law: object = neo_hookean
-    bonded: bool = False
+    bonded: object = False
     gap: np.ndarray | float = 0.0
 
     def __post_init__(self):
@@ -110,7 +111,8 @@ class CompressedSolid:
         self.height = self.nodes.reshape(-1, 2)[self.tool, 1] - self.gap
         self.face = self.height.max()
         self.u = np.zeros(self.nodes.size)
-        self.touching = np.full(len(self.tool), self.bonded)
+        self.always = np.broadcast_to(self.bonded, len(self.tool))
+        self.touching = self.always.copy()
 
     def inner(self, u):
         stress, slope = self.law(np.einsum("epij,ej->epi", self.B, u[self.dof], optimize=True), self.nu)
@@ -140,15 +142,13 @@ class CompressedSolid:
             size, far = np.linalg.norm(inner[free]), np.abs(jump).max() > 1e-10
             balanced = size < 1e-7 * (1e-6 + np.abs(inner[self.down]).sum()) and not far
             if balanced:
-                if self.bonded:
-                    break
                 above = self.height + self.u[self.down] - face_z
-                if turn > 60:  # nodes at the rim that come and go
-                    raise RuntimeError("the contact did not settle")
-                held_on = self.touching & (-inner[self.down] > -1e-12)
+                held_on = self.touching & (self.always | (-inner[self.down] > -1e-12))
                 touching = held_on | (~self.touching & (above > 1e-10))
                 if (touching == self.touching).all():
                     break
+                if turn > 60:  # nodes at the rim that come and go
+                    raise RuntimeError("the contact did not settle")
                 self.touching = touching
                 continue
             blocks = np.einsum("ep,epki,epkl,eplj->eij", self.volume, self.B, slope, self.B, optimize=True)
@@ -199,9 +199,10 @@ def spheroid(*, nu, across=1.0, along=1.0, pit_share=0.0, round_=28, out=14, law
     return CompressedSolid(nodes=np.stack([r, z], -1), fixed=fixed, tool=number[near, -1], nu=nu, law=law)
 
 
-def cylinder(*, nu, radius, height, bonded, across=12, up=12, law=neo_hookean):
+def cylinder(*, nu, radius, height, bonded, across=12, up=12, law=neo_hookean, sides_touch=False):
     """Half of a cylinder between plates to which its ends are bonded or on which they slide; z = 0 is the
-    middle. Elements are finer at the bonded edge.
+    middle. Elements are finer at the bonded edge. Bulging sides that reach the plates fold onto them without
+    friction if `sides_touch`; otherwise they pass through.
     """
     r = radius * _between(1 - (1 - np.linspace(0, 1, across + 1)) ** 1.7)
     z = height / 2 * _between(1 - (1 - np.linspace(0, 1, up + 1)) ** 1.7)
@@ -212,7 +213,9 @@ def cylinder(*, nu, radius, height, bonded, across=12, up=12, law=neo_hookean):
     if bonded:
         fixed[:, -1, 0] = True
     number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
-    return CompressedSolid(nodes=nodes, fixed=fixed, tool=number[:, -1], nu=nu, law=law, bonded=True)
+    tool = np.r_[number[:, -1], number[-1, 1:-1]] if sides_touch else number[:, -1]
+    held = np.arange(len(tool)) < len(number)
+    return CompressedSolid(nodes=nodes, fixed=fixed, tool=tool, nu=nu, law=law, bonded=held)
 
 
 def punched_slab(*, nu, radius, thickness, wide, inside=14, outside=16, down=14, law=linear):

@@ -76,3 +76,17 @@ def test_what_the_table_does_not_hold_is_refused():
         Cylinder(diameter_mm=1.0, height_mm=1.0, ends="bonded").curve(thickness_mm=5.0, poisson_ratio=0.4)
     with pytest.raises(FemFailure, match="height 0 mm"):
         Cylinder(diameter_mm=1.0, height_mm=0.0, ends="bonded")
+
+
+def test_sides_that_fold_onto_the_plates_make_held_ends_stiffer_again():
+    """Once the sides touch, the ratio to sliding ends grows; without contact it falls towards 1."""
+    strain = np.array([0.1, 0.3, 0.45, 0.6])
+    folded, through = (
+        cylinder(nu=0.45, radius=0.5, height=0.6, bonded=True, across=4, up=4, sides_touch=touch)
+        for touch in (True, False)
+    )
+    sliding = force(strain, ends="lubricated", nu=0.45, height=0.6)
+    ratio = np.array([folded.force_at(0.3 * (1 - e)) for e in strain]) / sliding
+    assert ratio[0] == pytest.approx(through.force_at(0.3 * 0.9) / sliding[0], rel=1e-9)
+    assert ratio[1] < ratio[0]
+    assert ratio[3] > ratio[2] + 0.02

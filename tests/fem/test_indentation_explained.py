@@ -1,5 +1,7 @@
 """Explanations of curves: presses by closed forms (Hertz) and by another solver, alone and together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
@@ -152,6 +154,21 @@ def test_a_drift_is_shown_by_frames_whose_force_is_no_function_of_a_growing_dept
     assert shows_drift(joined([quick, slow]))
     assert shows_drift(pressed_by_hertz(air_s=10.0, ramp_s=60.0))
     assert shows_drift(pressed_by_hertz(air_s=0.0, ramp_s=60.0, hold_s=10.0))
+
+
+def test_a_travel_that_repeats_its_coarse_readings_is_no_hold():
+    """A reading repeats for 37 frames while the ball moves. A rest is seen if it is twenty times as long."""
+
+    def coarse(trace):
+        return replace(trace, travel_mm=np.round(trace.travel_mm / 0.1) * 0.1)
+
+    moving = coarse(pressed_by_hertz(air_s=0.0, ramp_s=60.0))
+    held = coarse(pressed_by_hertz(air_s=0.0, ramp_s=60.0, hold_s=200.0))
+    assert (np.diff(moving.travel_mm) == 0).mean() > 0.8
+    assert set(moving.phases) == {"load"}
+    assert not shows_drift(moving)
+    assert held.phases.count("hold") > 900
+    assert shows_drift(held)
 
 
 @pytest.mark.parametrize(("hold_s", "fall_s", "noise_N"), [(2.0, 8.0, 0.1), (0.0, 0.0, 0.01)])

@@ -11,7 +11,7 @@ from tactile.readers.load_cell import read_trace
 from tactile.readers.plain_numpy import load_npy, load_npz
 from tactile.readers.specimen import PressedSpecimen
 from tactile.readers.stated_unit import NoUnit, Unit, unit_of_name
-from tactile.readers.trace_columns import TraceWords
+from tactile.readers.trace_columns import TraceWords, proposed
 from tactile.tactile_failure import TactileFailure
 
 
@@ -62,6 +62,25 @@ def test_a_missing_table_is_asked_for_by_the_columns_that_are_wanted_of_it(tmp_p
         TactileFailure, match=r"expected a table with the columns time_s, travel_mm, force_N\.$"
     ):
         read_trace(tmp_path / "t.csv", fruit_id="f", category="plum", indenter="ball", radius_mm=4.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "way"),
+    [
+        (["Time (s)", "Compression (mm)", "Load (N)", "Engineering Strain [-]"], "Compression (mm)"),
+        (["Time", "Compressive stress (MPa)", "Load", "Compressive extension"], "Compressive extension"),
+        (["time", "Compressive load", "Deflection"], "Deflection"),
+        (["Zeit", "Kraft", "Stauchung"], "Stauchung"),
+        (["Zeit (s)", "Verschiebung (mm)", "Kraft (N)"], "Verschiebung (mm)"),
+        (["Tiempo", "Fuerza", "Desplazamiento"], "Desplazamiento"),
+        (["Tiempo", "Carga", "Compresión"], "Compresión"),
+        (["Temps", "Déplacement", "Force"], "Déplacement"),
+    ],
+)
+def test_the_proposed_travel_is_a_length_by_its_usual_names(header, way):
+    said = proposed(header)
+    assert f"travel={way}" in said
+    assert "NAME" not in said
 
 
 OPEN = [
