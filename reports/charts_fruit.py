@@ -8,6 +8,7 @@ from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import nnls
 
 from reports.charts import Chart, band, layer, padded
 from reports.entries import FruitEntry
@@ -17,8 +18,10 @@ from reports.words import number
 
 _MOST_POINTS = 80
 """Most marks of one pad: on a drawing 360 px wide, more would be less than 4 px apart."""
-_MOST_OF_CURVE, _LEAST_OF_MEAN = 16, 4
-"""Most points of the model's curve; fewest frames averaged in each, because frames scatter. Set by hand."""
+_CURVE_POINTS = 24
+"""Points of the model's curve: one in 15 px of that drawing."""
+_POWERS = (1 / 3, 2 / 3, 1.0)
+"""Powers of the force in a travel: slower than a ball's (Hertz: 2/3), a ball's, and in series a spring's."""
 LEAST_CERTAIN = 0.2
 """A frame whose modulus has at least this relative error does not influence the chart's scale."""
 _SHAPES = ("circle", "square")
@@ -88,7 +91,8 @@ def model_curve(
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]] | None:
     """Travel (mm), force (N) and the travel's standard deviation (mm) of the fitted model, by rising force.
 
-    Each point averages neighbours among all pads' frames; the travel never decreases. None without a model.
+    Markers' noise scatters the frames of all pads. The curve is the least-squares sum of a constant and of
+    _POWERS with coefficients of at least 0: the travel rises, ever more slowly. None without a model.
     """
     models = [curve.model for curve in curves if curve.model is not None]
     points = np.array(
@@ -97,10 +101,18 @@ def model_curve(
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return None
-    points = points[np.argsort(points[:, 0], kind="stable")]
-    count = max(min(_MOST_OF_CURVE, len(points) // _LEAST_OF_MEAN), 1)
-    force_N, travel_mm, sd_mm = np.array([part.mean(axis=0) for part in np.array_split(points, count)]).T
-    return np.maximum.accumulate(travel_mm), force_N, sd_mm
+    force_N = np.maximum(points[:, 0], 0.0)
+    drawn_N = np.linspace(force_N.min(), force_N.max(), _CURVE_POINTS)
+    travel_mm, sd_mm = (
+        _terms(drawn_N) @ nnls(_terms(force_N), scattered)[0] for scattered in points[:, 1:].T
+    )
+    return travel_mm, drawn_N, np.maximum(sd_mm, 0.0)
+
+
+def _terms(force_N: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n k"]:
+    """A constant of either sign, and powers of the force."""
+    one = np.ones_like(force_N)
+    return np.column_stack([one, -one, *(force_N**power for power in _POWERS)])
 
 
 def residual_um(
