@@ -7,7 +7,7 @@ numbers of a plan depend only on the sum of the row indices of code letter and A
 table, n times AQL is nearly constant. Variables: the s method with one specification limit of ANSI/ASQ Z1.9,
 tables A-2 and B-1 (also in ISO 3951:1989), and for reduced inspection table B-4. The latter lists M, the
 largest estimated share of nonconforming fruit that is accepted. It corresponds to k = (n - 1) (1 - 2 B(M)) /
-sqrt(n), with B the quantile of the beta distribution of parameters n / 2 - 1 (Lieberman and Resnikoff, below).
+sqrt(n), with B the quantile of the beta distribution with parameters n / 2 - 1 (Lieberman and Resnikoff).
 Its sizes and M are those of AQLSchemes 1.7-2 in all 154 cells.
 
 Operating characteristics are exact: binomial for a long series of lots, hypergeometric for this lot. For
