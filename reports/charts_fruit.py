@@ -14,6 +14,7 @@ from reports.charts import Chart, band, layer, padded
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
+from reports.messages import message
 from reports.words import number
 
 _MOST_POINTS = 80
@@ -44,7 +45,9 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
     across = padded(_travels(curves), from_zero=True)
     x = {"label": say("travel since first touch (mm)"), "limits": across}
     force = chain(*(curve.force_N for curve in curves))
-    peaks = (f"{say('pad')} {curve.pad}: {number(float(np.nanmax(curve.force_N)))} N" for curve in curves)
+    peaks = (
+        f"{say('pad')} {message(curve.pad)}: {number(float(np.nanmax(curve.force_N)))} N" for curve in curves
+    )
     of_force: Chart = {
         "title": f"{say('Force against travel')}, {recording.grasp}",
         "description": "; ".join(peaks) or say("No frames in contact"),
@@ -136,7 +139,7 @@ def _pad_marks(curve: CurveRecord, up: Iterable[float], k: int) -> Chart:
     points = np.column_stack([curve.travel_mm, list(up)])
     points = points[np.isfinite(points).all(axis=1)]
     points = points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
-    how = {"name": f"{say('pad')} {curve.pad}", "colour": f"pad{k % 4}", "shape": _SHAPES[k % 2]}
+    how = {"name": f"{say('pad')} {message(curve.pad)}", "colour": f"pad{k % 4}", "shape": _SHAPES[k % 2]}
     return layer("marks", points[:, 0], points[:, 1], **how)
 
 
