@@ -114,8 +114,8 @@ def model_curve(
 
 def _terms(force_N: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n k"]:
     """A constant of either sign, and powers of the force."""
-    one = np.ones_like(force_N)
-    return np.column_stack([one, -one, *(force_N**power for power in _POWERS)])
+    constant = np.ones_like(force_N)
+    return np.column_stack([constant, -constant, *(force_N**power for power in _POWERS)])
 
 
 def residual_um(

@@ -109,10 +109,10 @@ def _whole(text: str, language: str) -> str | None:
 def _part(text: str, language: str) -> str:
     if _FIGURE.fullmatch(text):
         return decimals(text)
-    return _message(text, language) or _named(text, language) or text
+    return _message(text, language) or _effect_names(text, language) or text
 
 
-def _named(text: str, language: str) -> str | None:
+def _effect_names(text: str, language: str) -> str | None:
     """Translation of a name that is an identifier (`thermal_drift`) or has a capital (`Thermal drift`), and
     of several names in a list (`thermal drift with slip`). None without a translation of each.
     """
