@@ -8,17 +8,21 @@ from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import nnls
 
 from reports.charts import Chart, band, layer, padded
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
+from reports.messages import message
 from reports.words import number
 
 _MOST_POINTS = 80
 """Most marks of one pad: on a drawing 360 px wide, more would be less than 4 px apart."""
-_MOST_OF_CURVE, _LEAST_OF_MEAN = 16, 4
-"""Most points of the model's curve; fewest frames averaged in each, because frames scatter. Set by hand."""
+_CURVE_POINTS = 24
+"""Points of the model's curve: one in 15 px of that drawing."""
+_POWERS = (1 / 3, 2 / 3, 1.0)
+"""Powers of the force in a travel: slower than a ball's (Hertz: 2/3), a ball's, and in series a spring's."""
 LEAST_CERTAIN = 0.2
 """A frame whose modulus has at least this relative error does not influence the chart's scale."""
 _SHAPES = ("circle", "square")
@@ -41,7 +45,9 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
     across = padded(_travels(curves), from_zero=True)
     x = {"label": say("travel since first touch (mm)"), "limits": across}
     force = chain(*(curve.force_N for curve in curves))
-    peaks = (f"{say('pad')} {curve.pad}: {number(float(np.nanmax(curve.force_N)))} N" for curve in curves)
+    peaks = (
+        f"{say('pad')} {message(curve.pad)}: {number(float(np.nanmax(curve.force_N)))} N" for curve in curves
+    )
     of_force: Chart = {
         "title": f"{say('Force against travel')}, {recording.grasp}",
         "description": "; ".join(peaks) or say("No frames in contact"),
@@ -88,7 +94,8 @@ def model_curve(
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]] | None:
     """Travel (mm), force (N) and the travel's standard deviation (mm) of the fitted model, by rising force.
 
-    Each point averages neighbours among all pads' frames; the travel never decreases. None without a model.
+    Markers' noise scatters the frames of all pads. The curve is the least-squares sum of a constant and of
+    _POWERS with coefficients of at least 0: the travel rises, ever more slowly. None without a model.
     """
     models = [curve.model for curve in curves if curve.model is not None]
     points = np.array(
@@ -97,10 +104,18 @@ def model_curve(
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return None
-    points = points[np.argsort(points[:, 0], kind="stable")]
-    count = max(min(_MOST_OF_CURVE, len(points) // _LEAST_OF_MEAN), 1)
-    force_N, travel_mm, sd_mm = np.array([part.mean(axis=0) for part in np.array_split(points, count)]).T
-    return np.maximum.accumulate(travel_mm), force_N, sd_mm
+    force_N = np.maximum(points[:, 0], 0.0)
+    drawn_N = np.linspace(force_N.min(), force_N.max(), _CURVE_POINTS)
+    travel_mm, sd_mm = (
+        _terms(drawn_N) @ nnls(_terms(force_N), scattered)[0] for scattered in points[:, 1:].T
+    )
+    return travel_mm, drawn_N, np.maximum(sd_mm, 0.0)
+
+
+def _terms(force_N: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n k"]:
+    """A constant of either sign, and powers of the force."""
+    constant = np.ones_like(force_N)
+    return np.column_stack([constant, -constant, *(force_N**power for power in _POWERS)])
 
 
 def residual_um(
@@ -124,7 +139,7 @@ def _pad_marks(curve: CurveRecord, up: Iterable[float], k: int) -> Chart:
     points = np.column_stack([curve.travel_mm, list(up)])
     points = points[np.isfinite(points).all(axis=1)]
     points = points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
-    how = {"name": f"{say('pad')} {curve.pad}", "colour": f"pad{k % 4}", "shape": _SHAPES[k % 2]}
+    how = {"name": f"{say('pad')} {message(curve.pad)}", "colour": f"pad{k % 4}", "shape": _SHAPES[k % 2]}
     return layer("marks", points[:, 0], points[:, 1], **how)
 
 

@@ -62,12 +62,16 @@ def in_short(effect: str, entry: ExplainEntry) -> str:
 
 
 def explain_verdict(entry: ExplainEntry) -> str:
-    """The answer in one to three sentences, and one more on the error that the ± of E excludes."""
-    if entry.withheld is not None or not entry.scale_sd:
-        return _answer(entry)
-    share = decimals(f"{100 * entry.scale_sd:.1f}")
-    scales = say("Each ± excludes the sensor's scales, {share} % of E.", share=share)
-    return f"{_answer(entry)} {scales}"
+    """The answer in one to three sentences. Two more say what one recording cannot confirm, and which error
+    the ± of E excludes.
+    """
+    said = [_answer(entry)]
+    if len(entry.grasps) == 1 and entry.verdict[0] not in VERDICTS:
+        said.append(say("One recording cannot confirm an effect: record another."))
+    if entry.withheld is None and entry.scale_sd:
+        share = decimals(f"{100 * entry.scale_sd:.1f}")
+        said.append(say("Each ± excludes the sensor's scales, {share} % of E.", share=share))
+    return " ".join(said)
 
 
 def _answer(entry: ExplainEntry) -> str:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from reports.entries import BatchEntry, FruitEntry, ReferenceEntry, ScreenEntry, Suspect
 from reports.explain_entries import EffectEntry, ExplainEntry
-from reports.language import ENGLISH, decimals, language_in_force
+from reports.language import ENGLISH, decimals, language_in_force, say, words_of
 
 _FIELD = re.compile(r"(?:\{\d\})+")
 """A placeholder. Adjacent ones count as one, because nothing marks where the first ends."""
@@ -39,6 +39,7 @@ SENTENCES: Mapping[type, tuple[str, ...]] = {
     EffectEntry: ("short", "meaning", "advice"),
 }
 """Fields of report records that hold sentences of other packages, or records with such sentences."""
+_BETWEEN_NAMES = re.compile("(, | with | or | and )")
 _Entry = TypeVar("_Entry", BatchEntry, ExplainEntry)
 
 
@@ -106,7 +107,27 @@ def _whole(text: str, language: str) -> str | None:
 
 
 def _part(text: str, language: str) -> str:
-    return decimals(text) if _FIGURE.fullmatch(text) else (_message(text, language) or text)
+    if _FIGURE.fullmatch(text):
+        return decimals(text)
+    return _message(text, language) or _effect_names(text, language) or text
+
+
+def _effect_names(text: str, language: str) -> str | None:
+    """Translation of a name that is an identifier (`thermal_drift`) or has a capital (`Thermal drift`), and
+    of several names in a list (`thermal drift with slip`). None without a translation of each.
+    """
+    said = []
+    for k, piece in enumerate(_BETWEEN_NAMES.split(text)):
+        name = piece.replace("_", " ")
+        words = say(piece) if k % 2 else _name(name, language) or _name(name[:1].lower() + name[1:], language)
+        if not words:
+            return None
+        said.append(words[:1].upper() + words[1:] if piece[:1].isupper() else words)
+    return "".join(said)
+
+
+def _name(words: str, language: str) -> str | None:
+    return _message(words, language) or words_of(language).get(words)
 
 
 @cache

@@ -38,6 +38,8 @@ from reports.language import decimals as with_comma
 from reports.messages import in_language, message
 from reports.palette import UNKNOWN, class_mark, class_marks
 from reports.sheet_code import qr_png, sheet_code
+from reports.skin_layer import PADS
+from reports.skin_picture import FROM_SIDES
 from reports.tables import ranking_csv
 from reports.words import (
     NO_BREAK,
@@ -91,8 +93,10 @@ def _page(batch: BatchEntry) -> str:
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "list_words": list_words,
+        "mesh_key": _mesh_key,
         "qr": lambda fruit: _qr(batch, fruit.fruit_id),
         "screened": _screened,
+        "sides": [say(name) for name, *_ in FROM_SIDES],
         "utc": _utc,
     }
     fruits = numbered(batch)
@@ -294,6 +298,14 @@ def _as_given(cell: float | str | None) -> str:
     if cell is None:
         return UNKNOWN_WORD
     return cell if isinstance(cell, str) else with_comma(f"{cell:.12g}")
+
+
+def _mesh_key(fruit: FruitEntry) -> list[tuple[Markup, str]]:
+    """Marks and words of the colours in the picture of the mesh: the pads, and the pit."""
+    pads = dict.fromkeys(pad for recording in fruit.recordings for pad in recording.contact_mm)
+    named = [(f"pad{k % len(PADS)}", f"{say('pad')} {message(pad)}") for k, pad in enumerate(pads)]
+    named += [("pit", message("pit"))] if fruit.has_pit else []
+    return [(class_mark(colour, "circle"), words) for colour, words in named]
 
 
 def _image(picture: Picture, alt: str) -> Markup:

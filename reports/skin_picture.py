@@ -48,7 +48,7 @@ LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class MapStyle:
-    """Legend of a map: words at both ends of its bar, and for skin without a value.
+    """Legend of a map: words at both ends of its bar, and for skin without a value (empty: no legend of it).
 
     `signed`: values of both signs, else from zero up; the bar reaches at least `least`.
     """
@@ -113,12 +113,11 @@ def mesh_picture(
     *,
     pit_vertices: Float[np.ndarray, "k 3"] | None = None,
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
-    axis_words: tuple[str, str] = ("stem", "suture"),
     view_px: int = 440,
 ) -> bytes:
     """WebP of the fruit (fruit frame, mm) from two opposite sides, the outline of its pit over the flesh.
 
-    `contacts_mm`: points where each pad touches. `axis_words` name z and x.
+    `contacts_mm`: points where each pad touches. Arrows are z and x; the page around it explains the colours.
     """
     flesh = np.tile(FLESH, (len(vertices), 1))
     skin = DrawnSkin(vertices=vertices, faces=faces, colours=flesh, contacts_mm=contacts_mm or {})
@@ -133,8 +132,7 @@ def mesh_picture(
             places = (pit_vertices - skin.middle_mm) @ view[:2].T
             outline = places[ConvexHull(places).vertices]
             axes.add_patch(Polygon(outline, facecolor=(*PIT, 0.45), edgecolor=PIT))
-        _directions(axes, view, half, axis_words)
-    _legend(figure.axes[0], tuple(skin.contacts_mm), half, with_pit=has_pit)
+        _directions(axes, view, half)
     _scale_bar(figure.axes[1], half)
     return webp_of(figure)
 
@@ -147,10 +145,12 @@ def map_picture(
     centre_mm: tuple[float, float, float] | None = None,
     radius_mm: float | None = None,
     view_px: int = 250,
+    named: bool = True,
 ) -> bytes:
     """WebP of six sides, three in a row, over a colour bar; `skin` and `limit` as `coloured` gives them.
 
-    A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
+    A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces. `named`: whether the names of the
+    sides are on the picture.
     """
     key_px = 74
     height = 2 * view_px + key_px
@@ -160,7 +160,8 @@ def map_picture(
         place = (column / 3, 1 - (row + 1) * view_px / height, 1 / 3, view_px / height)
         axes, view = figure.add_axes(place), view_axes(azimuth_deg, elevation_deg)
         skin.drawn(axes, view)
-        axes.text(-0.97 * skin.half_mm, 0.95 * skin.half_mm, say(name), va="top", fontsize=9.5, color=INK)
+        if named:
+            axes.text(-0.97 * skin.half_mm, 0.95 * skin.half_mm, say(name), va="top", fontsize=9.5, color=INK)
         if centre_mm is not None:
             _ring(axes, view @ (np.array(centre_mm) - skin.middle_mm), radius_mm or 3.0, skin.half_mm)
     key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(0, 100), ylim=(0, 10))
@@ -199,12 +200,11 @@ def surface_sd_map(
     Grey where a vertex was not `seen`; its sd is a guess from the shape around it.
     """
     top = float(np.quantile(sd_mm[seen], MOST_SHARE)) if seen.any() else LEAST_MM
-    words = {"low": "standard deviation of the surface (mm)", "unseen": "seen by fewer than two photos"}
-    style = MapStyle(**words, high="", signed=False, least=LEAST_MM)
+    style = MapStyle(low="mm", high="", signed=False, unseen="", least=LEAST_MM)
     shown, limit = coloured(
         vertices_mm, triangles, np.minimum(sd_mm, max(top, LEAST_MM)), style=style, seen=seen
     )
-    return map_picture(shown, limit=limit, style=style, view_px=200)
+    return map_picture(shown, limit=limit, style=style, view_px=200, named=False)
 
 
 def _ring(axes: Axes, centre: Float[np.ndarray, " 3"], radius_mm: float, half: float) -> None:
@@ -226,7 +226,7 @@ def _key(axes: Axes, limit: float, style: MapStyle, pads: Sequence[str]) -> None
     axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=INK)
     axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=INK)
     named = ((f"{say('pad')} {message(pad)}", PADS[k % len(PADS)]) for k, pad in enumerate(pads))
-    marks = [(style.unseen, GREY), *named]
+    marks = [(style.unseen, GREY)] * bool(style.unseen) + [*named]
     for k, (words, colour) in enumerate(marks):
         x, y = (56, 7.0) if k == 0 else (56 + 15 * (k - 1), 2.2)
         axes.plot([x], [y], marker="o", ms=7, color=colour)
@@ -237,13 +237,13 @@ def _words_pt(axes: Axes) -> float:
     return WORDS * 72 * float(axes.get_window_extent().height) / 100
 
 
-def _directions(axes: Axes, view: Float[np.ndarray, "3 3"], half: float, words_zx: Sequence[str]) -> None:
-    """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner; the word of z is
-    above its arrow and left of the fruit, that of x below both.
+def _directions(axes: Axes, view: Float[np.ndarray, "3 3"], half: float) -> None:
+    """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner; the letter z is
+    above its arrow and left of the fruit, x below both.
     """
     foot = np.array([-0.68 * half, -0.74 * half])
     arrow = {"arrowstyle": "<|-", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
-    for axis, words, way in zip((2, 0), words_zx, (1, -1), strict=True):
+    for axis, words, way in zip((2, 0), "zx", (1, -1), strict=True):
         tip = foot + 0.17 * half * view[:2, axis]
         axes.annotate("", xy=tuple(foot), xytext=tuple(tip), arrowprops=arrow)
         end = way * max(way * tip[1], way * foot[1]) + way * 0.03 * half
@@ -263,13 +263,3 @@ def _scale_bar(axes: Axes, half: float) -> None:
         va="bottom",
         fontsize=_words_pt(axes),
     )
-
-
-def _legend(axes: Axes, pads: Sequence[str], half: float, *, with_pit: bool) -> None:
-    marks = [(f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads)]
-    if with_pit:
-        marks.append(("pit", tuple(PIT)))
-    for k, (words, colour) in enumerate(marks):
-        y = half * (0.91 - 0.105 * k)
-        axes.plot([-0.91 * half], [y], marker="o", ms=8, color=colour)
-        axes.text(-0.85 * half, y, words, va="center", fontsize=_words_pt(axes), color=INK)

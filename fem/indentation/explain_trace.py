@@ -22,7 +22,7 @@ from fem.indentation.rig_share import least_modulus, rig_share, rig_spread
 from fem.indentation.strangers import likeliest_with_own_moduli, scatter, strangers
 from fem.indentation.trace import IndenterTrace, before_rupture, joined, without
 from fem.mismatch.catalogue import SPECS
-from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where, in_words
 
 #: share of the misfit above which one phase is reported as the time of the mismatch
 MOST = 0.6
@@ -238,7 +238,9 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
             notes.append(f"{of}The {trace.geometry.tool} {deep}.")
     notes.append(f"The best law leaves {named.share:.1%} of the force unexplained; intervals allow for it.")
     if not named.converged:
-        notes.append(f"The search for the parameters of {law.name} has not settled; do not trust them.")
+        notes.append(
+            f"The search for the parameters of {in_words(law.name)} has not settled; do not trust them."
+        )
     if several:
         notes.append(
             f"{len(trace.parts)} recordings have one law and one E; each was taken to begin with flesh that "
@@ -254,5 +256,5 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
             "E's error bar includes this uncertainty."
         )
     for name, why in law.curve.without.items():
-        notes.append(f"{name.replace('_', ' ').capitalize()} was not looked for: {why}.")
+        notes.append(f"{in_words(name).capitalize()} was not looked for: {why}.")
     return (*notes, *law.curve.notes_of(deepest_mm))

@@ -17,6 +17,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.procedure import case_model
+from fem.mismatch.result import in_words
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -61,7 +62,7 @@ def displacement_corrections(
         if moved < STILL:
             break
     else:
-        names = ", ".join(known.effect.spec.name for known in effects)
+        names = ", ".join(in_words(known.effect.spec.name) for known in effects)
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
             f"E with {names} still changes by {moved:.2%} after {MOST_ROUNDS} rounds, "

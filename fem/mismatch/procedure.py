@@ -18,7 +18,7 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.reported_values import candidates
-from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where, in_words
 from fem.mismatch.selection.cross_validation import cross_validated
 from fem.mismatch.selection.decision import Detection, detection
 from fem.mismatch.selection.grasp_explanations import Hypothesis
@@ -79,9 +79,9 @@ def explain(
         region, when, component = located(model, residual)
         maps = fruit_map(model, model.adjoint_basis.observed(residual))
     untried = {**linear.without, **selection.without}
-    notes = [f"{name} could not be tried: {why}." for name, why in untried.items()]
+    notes = [f"{in_words(name)} could not be tried: {why}." for name, why in untried.items()]
     if best is not None and named is not None:
-        notes += [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
+        notes += [] if best.converged else [NOT_CONVERGED_NOTE.format(name=in_words(best.name))]
         notes += _other_pads(named)
     return Explanation(
         detected=test.mismatch and selection.verdict != NONE,
@@ -122,7 +122,7 @@ def _other_pads(first: Hypothesis) -> list[str]:
     said = []
     for share, again in first.alternatives:
         words = [
-            f"{effect.spec.name.replace('_', ' ')} of the {variant.pad} pad ("
+            f"{in_words(effect.spec.name)} of the {variant.pad} pad ("
             + ", ".join(f"{name} {value:.3g}" for name, value in parameters.items())
             + ")"
             for effect, variant, parameters in zip(

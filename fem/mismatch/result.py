@@ -14,6 +14,15 @@ NONE, UNKNOWN = "none", "unknown"
 """Verdicts without an effect: no mismatch, and a mismatch that no effect explains."""
 
 
+def in_words(effect: str) -> str:
+    """The name of an effect or of a pair, as in sentences.
+
+    >>> in_words("pit_offset+slip")
+    'pit offset with slip'
+    """
+    return effect.replace("_", " ").replace("+", " with ")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """One parameter of an effect with its standard deviation and 90 % interval; `sd` None: not estimated.

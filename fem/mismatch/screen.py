@@ -24,7 +24,7 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.procedure import case_model, detected
-from fem.mismatch.result import NONE
+from fem.mismatch.result import NONE, in_words
 from fem.mismatch.selection.decision import credible_set
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations, ranked
 from fem.mismatch.selection.screening import LinearRound, screened
@@ -115,7 +115,7 @@ def screen(
             for explanation in explanations
             if explanation.modulus_change is not None
         },
-        note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
+        note="; ".join(f"{in_words(name)} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
 

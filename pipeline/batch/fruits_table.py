@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
@@ -37,6 +38,7 @@ REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisso
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
 USER_COLUMN = re.compile(r"[^\W_][\w .%°#()/-]{0,59}")
 """A name that a user may give to a column; no spreadsheet reads it as a formula or as two cells."""
+NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
 SEPARATOR_LINE = re.compile(r'"?sep=([,;\t])"?[ ,;\t]*', re.IGNORECASE)
 SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
@@ -93,10 +95,11 @@ def given_of(row: FruitRow) -> Given:
 
 
 def read_fruits(
-    path: Path, *, units: Mapping[str, str] | None = None, may_be_empty: bool = False
+    path: Path, *, units: Mapping[str, str] | None = NO_COLUMNS, may_be_empty: bool = False
 ) -> tuple[tuple[FruitRow, ...], list[Problem]]:
     """The fruit with a valid fruit_id, each once, and every fault of the table. A table without rows is a
-    fault unless it `may_be_empty`. `units`: the user's own columns with their units (Settings.columns).
+    fault unless it `may_be_empty`. `units`: the user's own columns with their units (Settings.columns); None
+    if nobody can know them, because batch.toml is unreadable.
 
     Raises BatchRefused if the file is no table, or has no column fruit_id.
     """
@@ -106,13 +109,13 @@ def read_fruits(
     problems += [
         Problem(str(path), f'unknown column "{column[:80]}"; {_known_column(column, known)}')
         for column in columns
-        if column not in known
+        if column not in known and (units is not None or canonical(column) in known)
     ]
     if "fruit_id" not in columns:
         if not any(canonical(column) == "fruit_id" for column in columns):
             problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
         raise BatchRefused(problems)
-    rows = [_row(path, line, record, units or {}, problems) for line, record in records]
+    rows = [_row(path, line, record, units or NO_COLUMNS, problems) for line, record in records]
     lines: dict[str, list[int]] = {}
     for (line, _), row in zip(records, rows, strict=True):
         lines.setdefault(row.fruit_id, []).append(line)

@@ -100,12 +100,13 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
     folder = BatchFolder(root)
     problems: list[Problem] = []
     read = gathered(problems, lambda: read_settings(folder.settings))
-    settings = _salvaged(folder) if read is None else read
+    salvaged = _salvaged(folder) if read is None else read
+    settings = Settings(category="unknown") if salvaged is None else salvaged
     rows, mat, unscaled = tuple[FruitRow, ...](), None, list[Problem]()
     listed = root.is_dir() and batch_around(root) is None
     if listed:
         if choose is None or stands(folder.table):
-            units, empty = settings.columns, choose is not None
+            units, empty = None if salvaged is None else settings.columns, choose is not None
             table = gathered(problems, lambda: read_fruits(folder.table, units=units, may_be_empty=empty))
             listed = table is not None
             rows, faults = table or ((), [])
@@ -175,21 +176,23 @@ def _implausible(
     return [Problem(str(path), f"{sentence} {hint}", implausible=True) for path, sentence in said]
 
 
-def _salvaged(folder: BatchFolder) -> Settings:
+def _salvaged(folder: BatchFolder) -> Settings | None:
     """Category, classes and the user's columns of faulty settings, so that one run also finds the faults of
-    other files.
+    other files. None if the file is no TOML.
     """
     settings = Settings(category="unknown")
-    with suppress(NotReadable):
+    try:
         table = toml_of(read_text(folder.settings, most_bytes=MOST_BYTES))
-        with suppress(ValidationError):
-            settings = Settings.model_validate({"category": table.get("category")})
-        with suppress(ValidationError):
-            grading = Grading.model_validate(table.get("grading", {}))
-            settings = settings.model_copy(update={"grading": grading})
-        if isinstance(declared := table.get("columns"), dict):
-            units = {name: str(unit) for name, unit in declared.items()}
-            settings = settings.model_copy(update={"columns": units})
+    except NotReadable:
+        return None
+    with suppress(ValidationError):
+        settings = Settings.model_validate({"category": table.get("category")})
+    with suppress(ValidationError):
+        grading = Grading.model_validate(table.get("grading", {}))
+        settings = settings.model_copy(update={"grading": grading})
+    if isinstance(declared := table.get("columns"), dict):
+        units = {name: str(unit) for name, unit in declared.items()}
+        settings = settings.model_copy(update={"columns": units})
     return settings
 
 

@@ -17,7 +17,8 @@ def plan(
     """Show how many fruit of a lot to inspect, and when to accept the lot.
 
     Plans by attributes are those of MIL-STD-105E, which ISO 2859-1 shares for normal and tightened
-    inspection. Plans by variables are those of ANSI/ASQ Z1.9 (ISO 3951:1989), s method, one limit.
+    inspection. Plans by variables are those of ANSI/ASQ Z1.9 (ISO 3951:1989), s method, one limit; in
+    reduced inspection k corresponds to M of table B-4.
     drupe history --accept applies a plan to lots.
 
     Exit status: 0 done; 1 internal error; 2 usage; 130 interrupted.

@@ -16,6 +16,7 @@ from pipeline.files.plain_file import NotReadable, toml_of
 from pipeline.files.toml_text import toml_value
 from pipeline.problem import plain_message
 from reports.effect_words import LISTED
+from reports.words import effect_name
 
 
 def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
@@ -62,7 +63,7 @@ def why_not(explanation: Explanation) -> str:
     if explanation.verdict == UNKNOWN:
         return "the cause is unknown, so grading cannot take it into account."
     if not isinstance(explanation.verdict, str):
-        names = ", ".join(LISTED.get(name, name) for name in explanation.verdict)
+        names = ", ".join(LISTED.get(name, effect_name(name)) for name in explanation.verdict)
         return f"the recordings cannot distinguish {names}; record the proposed grasp, and run explain again."
     if all(map(_in_forces, explanation.verdict.split("+"))):
         return _needs_no_entry(explanation.verdict)
@@ -122,7 +123,7 @@ def _in_forces(effect: str) -> bool:
 
 
 def _needs_no_entry(effect: str) -> str:
-    return f"{effect} needs no entry: the recorded forces include it, so E is right without one."
+    return f"{effect_name(effect)} needs no entry: the recorded forces include it, so E is right without one."
 
 
 def _rounded(value: float | tuple[float, ...]) -> float | tuple[float, ...]:

@@ -5,7 +5,10 @@ II-C. ISO 2859-1:1989 has the same tables, and ISO 2859-1:1999 those for normal 
 plans equal those of the R package AQLSchemes 1.7-2 in all 768 cells (16 letters, 16 AQLs, 3 inspections). The
 numbers of a plan depend only on the sum of the row indices of code letter and AQL: along a diagonal of the
 table, n times AQL is nearly constant. Variables: the s method with one specification limit of ANSI/ASQ Z1.9,
-tables A-2 and B-1 (also in ISO 3951:1989).
+tables A-2 and B-1 (also in ISO 3951:1989), and for reduced inspection table B-4. The latter lists M, the
+largest estimated share of nonconforming fruit that is accepted. It corresponds to k = (n - 1) (1 - 2 B(M)) /
+sqrt(n), with B the quantile of the beta distribution with parameters n / 2 - 1 (Lieberman and Resnikoff).
+Its sizes and M are those of AQLSchemes 1.7-2 in all 154 cells.
 
 Operating characteristics are exact: binomial for a long series of lots, hypergeometric for this lot. For
 variables, Student's noncentral t: P = P(T(n - 1, sqrt(n) z) >= sqrt(n) k), z the normal quantile of 1 - p
@@ -20,14 +23,15 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 from scipy.optimize import brentq
-from scipy.stats import binom, hypergeom, nct, norm
+from scipy.stats import beta, binom, hypergeom, nct, norm
 
 SWITCHING = {
     "normal": "Change to tightened inspection after 2 rejected lots among 5 in a row; reduced inspection "
     "needs 10 accepted lots in a row and steady production",
     "tightened": "Return to normal inspection after 5 accepted lots in a row; stop inspection after 5 "
     "rejected lots in all",
-    "reduced": "Return to normal inspection after a lot that is rejected or between Ac and Re",
+    "reduced": "Return to normal inspection after a lot that is rejected or, by attributes, between Ac "
+    "and Re",
 }
 """Switching rule of each inspection (MIL-STD-105E, 4.7; ISO 2859-1, 9.3)."""
 INSPECTIONS = tuple(SWITCHING)
@@ -92,6 +96,22 @@ K = """
 """Table B-1: k by letter (row) and AQL (column). The first AQL has the second column in normal inspection,
 the first in tightened inspection; "-" is an arrow down.
 """
+REDUCED_VARIABLES_SIZES = (3, 3, 3, 3, 4, 5, 7, 10, 15, 20, 25, 30, 50, 75)
+"""Fruit in the sample of each row of VARIABLES_ROWS, for reduced inspection."""
+REDUCED_M = """
+3    -    -    -    -    -    -  7.59 18.86 26.94 33.69 40.47
+4    -    -    -    -  1.49 5.46 10.88 16.41 22.84 29.43 36.79
+5    -    - .041 1.34 3.33 5.82 9.80 14.37 20.19 26.55 33.94
+7 .087 .421 1.06 2.13 3.54 5.34 8.40 12.19 17.34 23.30 30.50
+10 .349 .714 1.27 2.14 3.27 4.72 7.26 10.53 15.17 20.73 27.65
+15 .491 .839 1.33 2.09 3.06 4.32 6.55 9.48 13.74 18.97 25.63
+20 .531 .864 1.33 2.03 2.93 4.10 6.18 8.95 13.01 18.07 24.58
+25 .551 .874 1.32 2.00 2.86 3.97 5.98 8.65 12.60 17.55 23.97
+30 .567 .885 1.32 1.98 2.82 3.91 5.87 8.48 12.37 17.25 23.61
+50 .503 .778 1.16 1.73 2.47 3.44 5.21 7.61 11.23 15.87 21.99
+75 .461 .711 1.06 1.59 2.27 3.17 4.83 7.10 10.58 15.07 21.05
+"""
+"""Table B-4, per cent: number of fruit, then M by AQL in VARIABLES_AQLS; "-" is an arrow down."""
 OC_COLUMNS = ("nonconforming_percent", "acceptance_probability", "lot_acceptance_probability")
 """Columns of the table of an operating characteristic."""
 CURVE_POINTS = 101
@@ -203,25 +223,36 @@ def _cell(row: int, column: int, inspection: str) -> tuple[int, int, int]:
 def variables_plan(
     lot_size: int, aql: float, *, level: str = "II", inspection: str = "normal"
 ) -> VariablesPlan:
-    """The s plan of ANSI/ASQ Z1.9 for one limit. Raises NoPlan for invalid arguments, reduced inspection, or
-    a sample larger than the lot.
+    """The s plan of ANSI/ASQ Z1.9 for one limit. Raises NoPlan for invalid arguments or a sample larger than
+    the lot.
 
     >>> plan = variables_plan(300, 1.0)
     >>> plan.letter, plan.n, plan.k
     ('H', 20, 1.82)
     """
     _require_known(lot_size, aql, VARIABLES_AQLS, level, VARIABLES_LETTERS, inspection)
-    if inspection == "reduced":
-        raise NoPlan("drupe has no reduced inspection by variables; expected normal or tightened")
     row = VARIABLES_ROWS.index(VARIABLES_LETTERS[level][sum(lot_size > most for most in VARIABLES_LOTS)])
-    column = VARIABLES_AQLS.index(aql) + (inspection == "normal")
-    cells = [line.split()[column] for line in K.strip().splitlines()]
-    row = next(at for at in range(row, len(cells)) if cells[at] != "-")
-    n, k = VARIABLES_SIZES[row], float(cells[row])
+    column = VARIABLES_AQLS.index(aql)
+    if inspection == "reduced":
+        row, n, k = _reduced_by_variables(row, column)
+    else:
+        cells = [line.split()[column + (inspection == "normal")] for line in K.strip().splitlines()]
+        row = next(at for at in range(row, len(cells)) if cells[at] != "-")
+        n, k = VARIABLES_SIZES[row], float(cells[row])
     if n > lot_size:
         raise NoPlan(f"the plan needs {n} fruit, but the lot has {lot_size}; use a plan by attributes")
     asked: dict[str, Any] = {"lot_size": lot_size, "aql": aql, "level": level, "inspection": inspection}
     return VariablesPlan(**asked, letter=VARIABLES_ROWS[row], n=n, k=k)
+
+
+def _reduced_by_variables(row: int, column: int) -> tuple[int, int, float]:
+    """Row of the plan after the arrows, n and k (three significant digits, as in table B-1)."""
+    lines = [line.split() for line in REDUCED_M.strip().splitlines()]
+    cells = {int(line[0]): line[1 + column] for line in lines}
+    row = next(at for at in range(row, len(VARIABLES_ROWS)) if cells[REDUCED_VARIABLES_SIZES[at]] != "-")
+    n = REDUCED_VARIABLES_SIZES[row]
+    quantile = float(beta.ppf(float(cells[n]) / 100, n / 2 - 1, n / 2 - 1))
+    return row, n, float(f"{(n - 1) * (1 - 2 * quantile) / math.sqrt(n):.3g}")
 
 
 def _require_known(

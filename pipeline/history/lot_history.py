@@ -38,8 +38,8 @@ REVISED = (
     "{revisions} earlier revision{s}"
 )
 SAME_IDS = (
-    "several batches of {days} contain the same fruit ids. Statistics and rate count every measurement; "
-    "sampling plans and the OECD sample count one fruit per id"
+    "several batches contain the same fruit ids on each of {days}. Statistics and rate count every "
+    "measurement; sampling plans and the OECD sample count one fruit per id"
 )
 MOST_NAMED = 6
 """Most fruit or days that one sentence names."""

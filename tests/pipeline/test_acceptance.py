@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -16,6 +17,9 @@ from scipy.stats import beta, chi2, norm
 from pipeline.history.acceptance_plans import (
     AQLS,
     LETTERS,
+    VARIABLES_AQLS,
+    VARIABLES_SIZES,
+    K,
     NoPlan,
     attributes_plan,
     operating_characteristic,
@@ -178,6 +182,39 @@ def test_plans_by_variables_are_those_of_table_b_one(lot, aql, inspection, n, k)
     assert (plan.n, plan.k) == (n, k)
 
 
+@pytest.mark.parametrize(
+    ("lot", "aql", "n", "M"),
+    [
+        *[(8, 10.0, 3, 40.47), (90, 1.5, 3, 7.59), (150, 0.65, 4, 1.49), (280, 0.10, 7, 0.087)],
+        *[(1000, 4.0, 15, 13.74), (3200, 1.0, 20, 4.10), (35_000, 0.25, 30, 1.32)],
+        *[(500_000, 6.5, 75, 15.07), (8, 0.65, 4, 1.49), (16, 0.25, 5, 0.041)],
+    ],
+)
+def test_reduced_plans_by_variables_accept_the_estimated_share_of_table_b_four(lot, aql, n, M):
+    """The estimate is the share of (1 - t²)^(n/2 - 2) above t = Q sqrt(n) / (n - 1); k has three digits."""
+    plan = variables_plan(lot, aql, inspection="reduced")
+    assert plan.n == n
+    density = lambda t: (1 - t * t) ** (n / 2 - 2)  # noqa: E731
+    beyond = [quad(density, (plan.k + by) * math.sqrt(n) / (n - 1), 1)[0] for by in (-0.005, 0.005)]
+    most, least = 100 * np.array(beyond) / quad(density, -1, 1)[0]
+    assert least <= M <= most
+
+
+def test_reduced_plans_by_variables_are_normal_ones_of_fewer_fruit_and_the_next_aql():
+    """Cells that tables B-1 and B-4 share. Both are rounded: they differ by a hundredth at most."""
+    lots = (8, 90, 150, 280, 400, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)
+    compared = 0
+    for lot in lots:
+        for aql, next_aql in itertools.pairwise(VARIABLES_AQLS):
+            reduced = variables_plan(lot, aql, inspection="reduced")
+            for row, n in enumerate(VARIABLES_SIZES):
+                cell = K.strip().splitlines()[row].split()[1 + VARIABLES_AQLS.index(next_aql)]
+                if n == reduced.n and cell != "-":
+                    assert reduced.k == pytest.approx(float(cell), abs=0.011)
+                    compared += 1
+    assert compared > 90
+
+
 def test_acceptance_by_variables_is_the_integral_over_the_standard_deviation():
     plan = variables_plan(300, 1.0)
     for share in (0.005, 0.03, 0.1):
@@ -202,7 +239,6 @@ def test_both_kinds_of_plan_protect_the_buyer_alike(lot):
         (attributes_plan, 500, 3.0, {}, "found AQL 3 %"),
         (attributes_plan, 500, 4.0, {"inspection": "strict"}, 'inspection "strict"'),
         (variables_plan, 500, 4.0, {"level": "S-1"}, 'level "S-1"'),
-        (variables_plan, 500, 4.0, {"inspection": "reduced"}, "no reduced inspection by variables"),
         (variables_plan, 5, 0.10, {}, "the plan needs 15 fruit, but the lot has 5"),
     ],
 )

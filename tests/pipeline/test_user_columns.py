@@ -188,3 +188,11 @@ def test_readings_of_firmness_are_columns_until_another_E_is_graded(drupe, batch
     assert pd.read_csv(export).set_index("fruit_id").loc["A", of_tests].tolist() == [6.25, 0.42]
     Results(results).firmness.write_text(FIRMNESS.replace("6.25", "7"))
     assert "plates_5pct_N" not in stored_batch(results).fruit[0].columns
+
+
+def test_settings_that_are_no_toml_do_not_make_the_users_columns_unknown(batch):
+    (batch / "batch.toml").write_text(SETTINGS + "grower = \n")
+    (problem,) = survey(batch).problems
+    assert "batch.toml" in str(problem)
+    (batch / "fruits.csv").write_text(TABLE.replace("notes", "Height mm"))
+    assert 'unknown column "Height mm"; write height_mm.' in "\n".join(map(str, survey(batch).problems))

@@ -127,6 +127,15 @@ def test_the_verdict_states_the_scales_that_no_error_bar_of_it_includes():
     assert "scales" not in explain_verdict(entry(scale_sd=0.08, withheld="no law holds"))
 
 
+def test_an_effect_named_from_one_recording_is_called_unconfirmed():
+    confirmed, single = entry(grasps=("a", "b")), entry(grasps=("a",))
+    said = "One recording cannot confirm an effect: record another."
+    assert said in explain_verdict(single)
+    assert said in explain_verdict(replace(single, verdict=("pose_error", "slip")))
+    assert said not in explain_verdict(confirmed)
+    assert said not in explain_verdict(replace(single, verdict=("none",)))
+
+
 def test_an_effect_without_words_is_told_by_its_name():
     pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
     pose_entry = entry(verdict=("pose_error",), effects={}, ranking=(pose,))

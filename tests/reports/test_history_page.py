@@ -149,6 +149,14 @@ def test_axe_finds_nothing_and_cells_are_whole(shown, width, scheme):
     assert page.evaluate(CUT) == []
 
 
+def test_the_days_of_a_lot_need_no_scrolling_on_a_phone(shown):
+    page = shown(viewport={"width": 360, "height": 800})
+    page.locator("summary", has_text="Days of this lot").first.click()
+    table = page.locator(".days").first
+    assert table.evaluate("(table) => table.scrollWidth <= table.clientWidth")
+    assert table.locator("td[data-head^='Percentiles']").first.inner_text().count(", ") == 4
+
+
 def test_on_a_phone_each_cell_of_sentences_names_its_column_and_is_wide(shown):
     page = shown(viewport={"width": 360, "height": 800})
     page.locator("details summary").first.click()

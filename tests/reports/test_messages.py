@@ -270,3 +270,28 @@ def test_the_terminal_speaks_the_language_of_the_locale(monkeypatch, capsys):
     said = capsys.readouterr()
     assert said.out == ("  weiter: `drupe check b` ausführen, um Probleme zu finden, dann `drupe grade b`\n")
     assert said.err == "drupe: b/fruits.csv: ist leer; die erste Zeile nennt die Spalten.\nplums\n"
+
+
+GERMAN_NAMES = (
+    "Wärmedrift war nicht",
+    "Sensordrift wurde nicht",
+    "Lage des Steins mit Rutschen, Querkontraktionszahl oder keine Abweichung",
+)
+SPANISH_NAMES = (
+    "deriva térmica no se",
+    "Deriva del sensor no se",
+    "posición del hueso con deslizamiento, coeficiente de Poisson o ninguna discrepancia",
+)
+
+
+@pytest.mark.parametrize(("language", "said"), [("de", GERMAN_NAMES), ("es", SPANISH_NAMES)])
+def test_names_of_effects_in_sentences_are_translated(language, said):
+    named = "pit offset with slip, poisson_ratio or no mismatch"
+    apart = f"the recordings cannot distinguish {named}; record the proposed grasp, and run explain again."
+    with spoken(language):
+        sentences = [
+            message("thermal_drift could not be tried: no frame."),
+            message("Sensor drift was not looked for: no frame."),
+            message(apart),
+        ]
+    assert all(name in sentence for name, sentence in zip(said, sentences, strict=True))

@@ -13,6 +13,7 @@ import pytest
 
 import reports
 from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ScreenEntry, Suspect
+from reports.grasp_record import CurveRecord, GraspRecord
 from reports.page import report_html
 from reports.tables import ranking_csv
 
@@ -224,6 +225,19 @@ def test_a_body_without_a_pit_is_drawn_without_one(empty_batch):
 
 UNEXPLAINED = Suspect(name="unknown", short="something else", advice="Look at it.")
 SKIN = Suspect(name="skin", short="a stiff skin", advice="")
+
+
+def test_the_colours_of_the_mesh_are_explained_in_the_language_of_the_page(empty_batch):
+    grasp = GraspRecord(
+        grasp="grasp-1",
+        contact_mm={"left": [(30.0, 0.0, 0.0)], "right": [(-30.0, 0.0, 0.0)]},
+        curves=[CurveRecord(pad=pad, travel_mm=[0.0, 1.0], force_N=[0.0, 5.0]) for pad in ("left", "right")],
+    )
+    pictures = FruitPictures(mesh=Picture(content=b"RIFF", file="mesh.webp"))
+    fruit = ranked("A", has_pit=True, pictures=pictures, recordings=(grasp,))
+    said = report_html(replace(empty_batch, fruits=(fruit,)), language="de")
+    assert all(words in said for words in ("Kissen links", "Kissen rechts", "z: Stiel, x: Naht"))
+    assert not any(words in said for words in ("Kissen left", "pad left", "stem and suture"))
 
 
 def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch):

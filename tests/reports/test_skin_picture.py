@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 import reports.skin_picture
 from recon.silhouettes.hull import ball
@@ -56,21 +57,21 @@ def test_view_axes_are_right_handed_and_up_is_up(azimuth_deg):
 
 
 def test_the_fruit_is_drawn_to_scale():
-    """A disk of the ball's radius in each half; arrows, bar and legend are dark or of the pads' colours."""
+    """A disk of the ball's radius in each half; arrows and bar are dark."""
     whole = opened(mesh_picture(SPHERE_MM, FACES))
     flesh = (whole[..., 0] - whole[..., 2]) > 30
     mm_per_px = 2 * MARGIN * RADIUS_MM / whole.shape[0]
     assert flesh.sum() * mm_per_px**2 == pytest.approx(2 * np.pi * RADIUS_MM**2, rel=0.02)
 
 
-def test_words_are_beside_the_fruit_and_legible_on_a_phone():
+def test_letters_and_scale_are_beside_the_fruit_and_legible_on_a_phone():
     px, phone_px = 440, 394  # of a view; of the whole picture on a screen 420 px wide
-    none = np.empty((0, 3))
-    image = opened(mesh_picture(SPHERE_MM, FACES, view_px=px, contacts_mm={"left": none, "right": none}))
+    image = opened(mesh_picture(SPHERE_MM, FACES, view_px=px))
     dark = image.max(axis=2) < 90
     rows, columns = np.indices(dark.shape)
     from_middle_px = np.hypot(rows - px / 2, columns % px - px / 2)
     assert not dark[from_middle_px < px / 2 / MARGIN].any()
+    assert not dark[: px // 2].any()  # no words that a page in another language could not translate
     bar = px + np.flatnonzero(dark[px // 2 :, -px // 3 :].any(axis=1))
     digits = np.flatnonzero(dark[px // 2 : bar[-1] - px - 4 + px // 2, -px // 3 :].any(axis=1))
     assert np.ptp(digits) * phone_px / (2 * px) >= 7
@@ -91,7 +92,6 @@ def test_contacts_are_dots_on_the_side_that_was_touched():
     grid = 29.0 * towards + u * across + v * np.array([0, 0, 1.0])
     bare, touched = picture(), picture(contacts_mm={"left": grid, "right": np.empty((0, 3))})
     change = np.abs(bare - touched).sum(axis=2)
-    change[:40, :100] = 0  # the legend
     assert (change[:, VIEW_PX:] > 60).sum() == 0
     rows, columns = np.nonzero(change[:, :VIEW_PX] > 60)
     mm_per_px = 2 * MARGIN * RADIUS_MM / VIEW_PX
@@ -136,6 +136,13 @@ SPOT = {"centre_mm": (RADIUS_MM, 0.0, 0.0), "radius_mm": 5.0}
 def sd_map(sd_mm, seen=None):
     seen = np.ones(len(SPHERE_MM), bool) if seen is None else seen
     return surface_sd_map(SPHERE_MM, FACES, sd_mm, seen=seen)
+
+
+def test_the_map_of_the_surface_has_no_words_but_its_unit(monkeypatch):
+    written = []
+    monkeypatch.setattr(Axes, "text", lambda self, x, y, words, **how: written.append(words))
+    sd_map(np.full(len(SPHERE_MM), 0.2), seen=DIRECTIONS[:, 2] > 0)
+    assert [words for words in written if words and not words[0].isdigit()] == ["mm"]
 
 
 def test_the_side_known_worse_is_darker_whatever_a_few_vertices_are():
