@@ -150,7 +150,6 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 shape.faces,
                 pit_vertices=pit.vertices,
                 contacts_mm=touched_by_pad(placed),
-                axis_words=("stem", "suture") if task.body.stem_and_suture else ("z", "x"),
             ),
         )
         write_whole(
