@@ -71,12 +71,15 @@ def test_more_noise_makes_evidence_weaker_as_dense_evidence_says():
 
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
 def test_a_signature_resembles_errors_of_a_law_by_its_energy_in_their_space(share):
-    """`share` of a signature's energy is in the space of the errors, which are redundant and of any size."""
+    """`share` of a signature's energy is in the space of the errors, which are redundant and of any size. A
+    nuisance absorbs the last error up to round-off.
+    """
     axes = np.linalg.qr(np.random.default_rng(7).normal(size=(NUMBERS, 5)))[0].T
-    errors = np.array([3.0 * axes[0], axes[0] + 5.0 * axes[1], axes[1]])
+    errors = np.array([3.0 * axes[0], axes[0] + 5.0 * axes[1], axes[1], 1e-9 * axes[3]])
     columns = np.array([np.sqrt(share) * axes[1] + np.sqrt(1 - share) * axes[2], axes[3], axes[4]])
     alone = equations(columns, columns[0])
-    given = alone.given_law(errors @ errors.T, columns @ errors.T)
+    energy = np.full(len(errors), 30.0)
+    given = alone.given_law(errors @ errors.T, columns @ errors.T, energy=energy)
     assert alone.resemblance((0,)) == 1.0, "not known"
     assert given.resemblance((0,)) == pytest.approx(share, abs=1e-6)
     assert given.resemblance((0, 1)) == pytest.approx(share, abs=1e-6), "in the most similar direction"
@@ -94,8 +97,12 @@ def test_amounts_are_posterior_means():
     np.testing.assert_allclose(equations(columns, data).amounts((0, 2)), dense, rtol=1e-9)
 
 
-def round_of(amounts: tuple[float, ...], *, seed: int = 4, numbers: int = 4000) -> LinearRound:
-    """A linear round of the three effects; the last one's amount is positive a priori."""
+def round_of(
+    amounts: tuple[float, ...], *, seed: int = 4, numbers: int = 4000, direct: float = 0.0
+) -> LinearRound:
+    """A linear round of the three effects; the last one's amount is positive a priori. `direct`: direct
+    evidence of the second.
+    """
     rng = np.random.default_rng(seed)
     columns = rng.normal(size=(4, numbers))
     data = np.array([0.0, *amounts]) @ columns + rng.normal(size=numbers)
@@ -111,7 +118,7 @@ def round_of(amounts: tuple[float, ...], *, seed: int = 4, numbers: int = 4000) 
             (BY_NAME[name], Signature(variant=ONE_WAY, columns=(regressors[k],)), (k,))
             for k, name in enumerate(NAMES, 1)
         ],
-        auxiliary=lambda *_: (0.0, 0.0),
+        auxiliary=lambda effect, *_: (0.0, direct if effect.spec.name == NAMES[1] else 0.0),
         without={},
         numbers=numbers,
     )
@@ -136,6 +143,41 @@ def test_a_law_that_is_not_exact_hides_a_second_effect_of_less_than_its_error():
 def test_no_evidence_is_hidden_where_laws_are_exact(monkeypatch):
     monkeypatch.setattr(grasp_explanations, "LAW_ERROR", 0.0)
     assert max(abs(each.hidden) for each in all_explanations(round_of((1.0, 0.3, 0.2)))) < 1e-9
+
+
+@pytest.mark.parametrize("resembles", [True, False])
+def test_the_error_of_a_law_hides_a_second_effect_that_resembles_it(resembles):
+    """Beside a full model of the first. The second signal is a seventieth of the first one."""
+    linear = round_of((0.3, 0.3, 0.0))
+    first = by_name(linear)["anisotropy"]
+    rng = np.random.default_rng(5)
+    columns = rng.normal(size=(3, 4000))
+    error = columns[:1] if resembles else rng.normal(size=(1, 4000))
+    others = replace(
+        linear.equations,
+        normal=columns @ columns.T,
+        right=columns @ (0.12 * columns[0] + rng.normal(size=4000)),
+    ).given_law(error @ error.T, columns @ error.T, energy=np.ones(1))
+    refit = SimpleNamespace(others=others, signal=4000.0)
+    in_full = {"anisotropy": replace(first, gain=first.gain + 400.0, refit=refit)}
+    known = {each.name: each for each in all_explanations(linear, in_full)}
+    pair, single = known["anisotropy+skin"], known["anisotropy"]
+    exact = added(others, (0,))
+    assert pair.gain - single.gain == pytest.approx(exact)
+    assert exact > 10
+    beyond = pair.gain + pair.hidden - single.gain - single.hidden
+    assert beyond < 1 if resembles else beyond > 0.9 * exact
+
+
+def test_direct_evidence_for_a_second_effect_is_not_hidden():
+    """The pair's lead over its first effect grows by all of it."""
+    lead = []
+    for direct in (0.0, 60.0):
+        linear = round_of((1.0, 0.3, 0.0), direct=direct)
+        known = by_name(linear)
+        pair, single = known["anisotropy+skin"], known["skin"]
+        lead.append(pair.gain + pair.hidden - single.gain - single.hidden)
+    assert lead[1] - lead[0] == pytest.approx(60.0, abs=1.0)
 
 
 def test_an_effect_of_the_wrong_sign_is_no_second_one():

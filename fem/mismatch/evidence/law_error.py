@@ -1,8 +1,9 @@
 """Fields that the error of an effect's law may have: the law's own change, modulated.
 
-A law that is not exact errs where and when it acts. Its error is its change of the observations times a
-smooth function of place and time: a polynomial in load, time and place on the pad, in all directions or along
-the pad's normal, on one pad or in one recording.
+A law that is not exact errs where and when it acts. Its error is in the space of its change of the
+observations times smooth functions of place and time: polynomials in load, time and place on the pad, in all
+directions or along the pad's normal, on one pad or in one recording. All directions of that space count
+alike (SignatureEquations.resemblance).
 """
 
 import numpy as np
@@ -44,6 +45,7 @@ def _of_recording(recording: GraspResponse, change: ObservationDelta) -> dict[st
         f"{powers}": ObservationDelta(
             markers=None if change.markers is None else change.markers * share[:, None, None],
             balance=None if change.balance is None else change.balance * share[:, None],
+            rest=change.rest if powers == POWERS[0] else None,
         )
         for powers, share in growth.items()
     }
@@ -74,6 +76,7 @@ def _places(
         at = recording.tracks.place_mm[mine] @ axes[:, :2]
         weight = pressed[mine] / max(float(pressed[mine].sum()), np.finfo(float).tiny)
         at = at - weight @ at
-        place[mine] = at / max(float(np.sqrt(weight @ (at**2).sum(axis=1))), np.finfo(float).tiny)
+        radius = float(np.sqrt(weight @ (at**2).sum(axis=1)))
+        place[mine] = at / radius if radius > 0 else 0.0
         normal[mine] = axes[:, 2]
     return place[:, 0], place[:, 1], normal

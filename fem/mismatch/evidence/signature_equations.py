@@ -15,6 +15,8 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 
 SAME_ERROR = 1e-3
 """Share of the greatest energy below which a direction is that of others, up to noise. Set by hand."""
+ABSORBED = 1e-6
+"""Share of an error's energy below which the nuisances absorb it, up to round-off. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,16 +100,24 @@ class SignatureEquations:
             self,
             normal=(left + left.T) / 2,
             right=self.right - self.normal[:, given_columns] @ solved[:, -1],
+            law_error=None,
         ), float(self.right[given_columns] @ solved[:, -1])
 
     def given_law(
-        self, errors: Float[np.ndarray, "e e"], products: Float[np.ndarray, "c e"]
+        self,
+        errors: Float[np.ndarray, "e e"],
+        products: Float[np.ndarray, "c e"],
+        *,
+        energy: Float[np.ndarray, " e"],
     ) -> "SignatureEquations":
-        """The equations with the law's errors: their products with each other and with the columns."""
-        size = np.sqrt(np.maximum(np.diag(errors), np.finfo(float).tiny))
-        share, axes = np.linalg.eigh(errors / np.outer(size, size))
-        kept = share > SAME_ERROR * share.max()
-        return replace(self, law_error=products / size @ axes[:, kept] / np.sqrt(share[kept]))
+        """The equations with the law's errors: their products with each other and with the columns. `energy`:
+        that of each error before the nuisances are integrated out; one that they absorb is left out.
+        """
+        left = np.flatnonzero(np.diag(errors) > ABSORBED * energy)
+        size = np.sqrt(np.diag(errors)[left])
+        share, axes = np.linalg.eigh(errors[np.ix_(left, left)] / np.outer(size, size))
+        kept = share > SAME_ERROR * share.max(initial=0.0)
+        return replace(self, law_error=products[:, left] / size @ axes[:, kept] / np.sqrt(share[kept]))
 
     def resemblance(self, columns: Sequence[int]) -> float:
         """The greatest share of a signature's energy in the space of the law's errors, over its amounts; 1
@@ -119,6 +129,8 @@ class SignatureEquations:
         energy, axes = np.linalg.eigh(self.normal[np.ix_(at, at)])
         kept = energy > SAME_ERROR * energy.max()
         inside = (axes[:, kept] / np.sqrt(energy[kept])).T @ self.law_error[at]
+        if not inside.size:
+            return 0.0
         return min(float(np.linalg.norm(inside, 2)) ** 2, 1.0)
 
     def with_noise(self, variance: float) -> "SignatureEquations":

@@ -31,16 +31,17 @@ from fem.mismatch.selection.screening import (
 
 @dataclass(frozen=True, kw_only=True)
 class _Law:
-    """The equations of all signatures given an effect, and the variance of its law's error over that of the
-    noise, for a signature that resembles it fully.
+    """The equations of all signatures given an effect, the error of its law as a share of its signal, and
+    the signal: the chi-square that it explains.
     """
 
     equations: SignatureEquations
-    error: float
+    share: float
+    signal: float
 
     def noise(self, columns: Sequence[int]) -> float:
         """Variance of the law's error along a signature, over that of the noise."""
-        return self.error * self.equations.resemblance(columns)
+        return self.share**2 * max(self.signal, 0.0) * self.equations.resemblance(columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +88,7 @@ def all_explanations(
     singles.sort(key=lambda single: -single.gain)
     laws = {single.name: _law(linear, single) for single in singles}
     pairs = [_no_better_than(known.get(pair.name), pair) for pair in _pairs(linear, singles, laws)]
-    singles = [replace(single, hidden=_hidden_single(single, pairs, laws)) for single in singles]
+    singles = [replace(single, hidden=_hidden_single(single.name, pairs, laws)) for single in singles]
     none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
     best = max((none, *singles, *pairs), key=lambda each: each.gain + each.hidden)
     return [*(replace(each, hidden=each.hidden - best.hidden) for each in (*singles, *pairs)), none]
@@ -147,22 +148,28 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
-        remaining = laws[first.name].equations
+        law = laws[first.name]
         for second in singles[number + 1 :]:
             if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
-            added = [_second(linear, remaining, way) for way in ways[second.name]]
+            added = [_second(linear, law.equations, way) for way in ways[second.name]]
             gain = mean_gain([way.gain for way in added])
             best = max(added, key=lambda way: way.gain)
             if gain > 0 and best.gain > 0:
-                columns, left, drop = (*fit.columns, *best.columns), remaining, 0.0
+                columns, remaining, drop = (*fit.columns, *best.columns), law.equations, 0.0
                 if best.columns:
-                    left, drop = remaining.given(remaining.numbers(best.columns))
+                    remaining, drop = remaining.given(remaining.numbers(best.columns))
                 pairs.append(
                     Hypothesis(
                         name="+".join(sorted((first.name, second.name))),
                         gain=first.gain + gain,
-                        hidden=_hidden(left, {each.name: laws[each.name] for each in (first, second)}),
+                        hidden=max(
+                            _hidden(
+                                remaining,
+                                {first.name: law, second.name: replace(laws[second.name], signal=drop)},
+                            ).values(),
+                            default=0.0,
+                        ),
                         misfit=first.misfit - drop / linear.numbers,
                         direct=first.direct + best.direct,
                         linear_fits=(fit, best),
@@ -180,46 +187,39 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str
 def _law(linear: LinearRound, single: Hypothesis) -> _Law:
     """By the effect's full model if there is one, else by its signature, which is not exact for any law."""
     (fit,) = single.linear_fits
-    if single.refit is not None and single.refit.others is not None:
-        error = fit.effect.spec.law_error**2 * max(single.refit.signal, 0.0)
-        return _Law(equations=single.refit.others, error=error)
+    again = single.refit
+    if again is not None and again.others is not None:
+        return _Law(equations=again.others, share=fit.effect.spec.law_error, signal=again.signal)
     if not fit.columns:  # its evidence is direct: it does not change the motion
-        return _Law(equations=linear.equations, error=0.0)
+        return _Law(equations=linear.equations, share=0.0, signal=0.0)
     equations, _ = linear.equations.given(linear.equations.numbers(fit.columns))
-    return _Law(equations=equations, error=LAW_ERROR**2 * max(fit.chi2_drop, 0.0))
+    return _Law(equations=equations, share=LAW_ERROR, signal=fit.chi2_drop)
 
 
-def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> float:
-    """Log evidence against an explanation that the errors of its effects' `laws` explain: what the data say
-    for another effect beside it if these laws are exact, less what they say in the noise of the errors. That
-    of the effect for which it is greatest. `equations`: given the explanation.
+def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> dict[str, float]:
+    """Log evidence against an explanation that the errors of its effects' `laws` explain, by the other effect
+    that speaks against it: what the data say for that effect beside the explanation if these laws are exact,
+    less what they say in the noise of the errors. `equations`: given the explanation.
     """
-    most = 0.0
+    hidden = {}
     for name, ways in equations.ways.items():
         if name in laws or not len(ways):
             continue
         exact = _added(equations, ways, [0.0] * len(ways))
         if exact > 0:
             noise = [sum(law.noise(way) for law in laws.values()) for way in ways]
-            most = max(most, exact - max(_added(equations, ways, noise), 0.0))
-    return most
+            hidden[name] = exact - max(_added(equations, ways, noise), 0.0)
+    return hidden
 
 
-def _hidden_single(single: Hypothesis, pairs: Sequence[Hypothesis], laws: Mapping[str, _Law]) -> float:
-    """`_hidden` of a single effect. A pair exceeds it by no more than the other effect adds in the noise of
-    its law's error.
-    """
-    law = laws[single.name]
-    most = _hidden(law.equations, {single.name: law})
-    for pair in pairs:
-        names = pair.name.split("+")
-        if single.name in names:
-            (other,) = {*names} - {single.name}
-            ways = law.equations.ways.get(other, ())
-            if len(ways):
-                adds = max(_added(law.equations, ways, [law.noise(way) for way in ways]), 0.0)
-                most = max(most, pair.gain + pair.hidden - adds - single.gain)
-    return most
+def _hidden_single(name: str, pairs: Sequence[Hypothesis], laws: Mapping[str, _Law]) -> float:
+    """The greatest `_hidden` of a single effect. What a pair hides is hidden from its effects, too."""
+    beside = _hidden(laws[name].equations, {name: laws[name]})
+    by_pair = {pair.name: pair.hidden for pair in pairs}
+    return max(
+        (here + by_pair.get("+".join(sorted((name, other))), 0.0) for other, here in beside.items()),
+        default=0.0,
+    )
 
 
 def _added(equations: SignatureEquations, ways: Sequence[Sequence[int]], noise: Sequence[float]) -> float:

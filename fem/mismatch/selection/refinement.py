@@ -408,4 +408,5 @@ class _Search:
         normal, right = products.marginal((*nuisances, *slope_columns), (*signatures, *errors))
         mine, law = slice(len(signatures)), slice(len(signatures), None)
         alone = replace(equations, normal=normal[mine, mine], right=right[mine])
-        return alone.given_law(normal[law, law], normal[mine, law])
+        energy = np.diag(products.marginal((), errors)[0])
+        return alone.given_law(normal[law, law], normal[mine, law], energy=energy)
