@@ -11,6 +11,14 @@ def information(case):
     return sum(products[1:, 1:] for products in case.products)
 
 
+def test_the_bound_is_that_of_independent_columns():
+    """Information of a column of n numbers of variance one: n."""
+    case = problem({}, numbers=2000)
+    assert amplitude_bounds(information(case), case, E_MPa=0.5)["graded_modulus"] == pytest.approx(
+        1 / np.sqrt(4 * 2000), rel=0.03
+    )
+
+
 def test_the_bound_is_the_scatter_of_unbiased_estimates():
     fits = [
         problem({"clock_lag": 0.2}, seed=seed, numbers=60).gram().fit([1, 2, 3, 4, 5]) for seed in range(150)

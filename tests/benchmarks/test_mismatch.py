@@ -104,6 +104,15 @@ def test_right_labels_are_scored(proof, capsys):
     assert len((proof / "cases.csv").read_text().splitlines()) == 6
 
 
+def test_a_changed_label_is_named(proof, capsys):
+    labels = json.loads((proof / "labels.json").read_text())
+    labels["a-2"]["label"]["E_MPa"] = 0.51
+    (proof / "labels.json").write_text(json.dumps(labels))
+    status, said = scored(proof, capsys)
+    assert status == 1
+    assert said.startswith("a-2: the label is not the one that was sealed\n")
+
+
 def test_a_label_that_is_missing_or_was_never_sealed_is_named(proof, capsys):
     labels = json.loads((proof / "labels.json").read_text())
     labels["b-1"] = labels.pop("a-1")

@@ -8,7 +8,7 @@ from pinched_case_model import COMPLIANCE, model_of
 from fem.estimation.compliance_fit import fit_compliance
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT
 from fem.mismatch.localisation.residual_places import located, modulus_cells
-from fem.mismatch.localisation.spot_search import fruit_map
+from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, best_spots, fruit_map
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, MARKER_VARIANCE_INFLATION
 from fem.mismatch.signature_variant import ONE_WAY
@@ -35,6 +35,17 @@ def test_map_of_the_modulus_is_softest_above_the_injected_spot():
     softest = maps.vertices_mm[maps.modulus_score.argmin()]
     assert np.linalg.norm(softest - [HALF_AXES_MM[0], 1.0, -0.5]) < 5.0
     assert maps.modulus_score.min() < -10
+
+
+def test_injected_spot_is_named_with_its_place():
+    """By the best single ball for what the plain model leaves, as the signature's start has it."""
+    model = injected_spot(np.random.default_rng(1))
+    residual = model.adjoint_basis.observed(left_by_plain(model))
+    best = max(best_spots(model, residual, radii_mm=RADII_MM, others=OTHERS), key=lambda spot: spot.score)
+    assert best.score**2 > 0.7 * float(residual @ residual)
+    place = EFFECT.where(dict(zip((*CENTRE, "radius_mm"), (*best.centre_mm, best.radius_mm), strict=True)))
+    assert place.region == "flesh"
+    assert np.linalg.norm(np.array(place.centre_mm) - SPOT_MM) < 3.0
 
 
 def test_fault_of_one_pads_shear_is_named_so():

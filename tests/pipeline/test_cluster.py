@@ -55,26 +55,31 @@ def address():
         yield workers.scheduler_address
 
 
-def engine(address, folder, *, time_limit_s=60.0, **changed):
-    return Cluster(address, needs=needs_of(folder, **changed), time_limit_s=time_limit_s, tell=print)
+def engine(address, folder, *, said=None, time_limit_s=60.0, **changed):
+    return Cluster(
+        address,
+        needs=needs_of(folder, **changed),
+        time_limit_s=time_limit_s,
+        tell=print if said is None else said.append,
+    )
 
 
 @pytest.fixture(scope="module")
 def ran(address, tmp_path_factory):
-    """Events and endings of fruit that each end in another way."""
-    folder = tmp_path_factory.mktemp("run")
+    """Events and endings of fruit that each end in another way, and what the run said."""
+    folder, said = tmp_path_factory.mktemp("run"), []
     tasks = {
         "fine": "fine", "crash": "crash", "raise": "raise", "hang": "hang", "fill": "fill",
         "once": f"take-the-worker-along {folder / 'once'}",
         "always": f"take-every-worker-along {folder / 'always'}",
         "also fine": "also fine",
     }  # fmt: skip
-    events = list(run_on(engine(address, folder, time_limit_s=20.0), work, tasks.items()))
-    return events, {event.fruit_id: event for event in events if not isinstance(event, Progressed)}
+    events = list(run_on(engine(address, folder, said=said, time_limit_s=20.0), work, tasks.items()))
+    return events, {event.fruit_id: event for event in events if not isinstance(event, Progressed)}, said
 
 
 def test_each_fruit_ends_in_its_own_way_and_once(ran):
-    events, ended = ran
+    events, ended, _ = ran
     assert set(Counter(event.fruit_id for event in events if not isinstance(event, Progressed)).values()) == {
         1
     }
@@ -103,6 +108,10 @@ def test_a_fruit_that_takes_every_worker_along_is_given_up(ran):
     ending = ran[1]["always"]
     assert isinstance(ending, Died)
     assert ending.how.startswith("3 workers died with it, the last tcp://")
+
+
+def test_workers_and_dashboard_are_said(ran, address):
+    assert ran[2][0].startswith(f"cluster at {address}: 2 workers; dashboard http://")
 
 
 def test_leaving_early_ends_what_is_running(address, tmp_path):

@@ -16,6 +16,12 @@ def refusals(tmp_path, text):
     return [str(p) for p in caught.value.problems]
 
 
+def test_only_the_category_is_required(tmp_path):
+    path = tmp_path / "batch.toml"
+    path.write_text('category = "plum"\n')
+    assert read_settings(path).category == "plum"
+
+
 def test_what_is_missing_is_named(tmp_path):
     for path, said in (
         ("batch.toml", r"batch\.toml: does not exist"),

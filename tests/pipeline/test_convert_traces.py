@@ -75,6 +75,22 @@ def test_names_that_are_not_known_are_asked_back_with_the_option_that_names_them
 
 
 @pytest.mark.parametrize(
+    ("units", "factors"),
+    [
+        ("time=ms,force=mN,travel=um", (1e3, 1e3, 1e3)),
+        ("time=min,force=g,travel=cm", (1 / 60, 1 / 9.80665e-3, 0.1)),
+        ("time=s,force=kgf,travel=mm", (1, 1 / 9.80665, 1)),
+    ],
+)
+def test_every_unit_comes_out_in_seconds_newtons_and_millimetres(
+    tmp_path: Path, units: str, factors: tuple[float, float, float]
+) -> None:
+    values = [v * factor for v, factor in zip((TIMES, PRESSED, GONE), factors, strict=True)]
+    source = written(tmp_path, *values, header="Time,Force,Pos", form="%.12g")
+    converted(tmp_path, source, "--columns", NAMES, "--units", units)
+
+
+@pytest.mark.parametrize(
     ("suffix", "mark", "comma"),
     [
         ("csv", ";", True),
@@ -165,7 +181,6 @@ def test_a_bad_table_is_refused_with_its_row_or_column(
         (("--units", "force=MPa"), "which is a pressure or stress, not a force; give N, kN, mN"),
         (("--units", "force=lbf"), "in N by its name and in lbf by --units"),
         (("--units", "pressure=Pa"), 'holds "pressure=Pa"'),
-        (("--units", "gap=um"), "--units of gap, where"),
     ],
 )
 def test_an_option_that_says_nothing_is_refused(tmp_path: Path, options: tuple[str, str], words: str) -> None:
@@ -179,6 +194,12 @@ def test_names_and_numbers_that_spaces_part_are_counted(tmp_path: Path) -> None:
     written(tmp_path, *columns, header="Time Axial Force Pos", mark=" ", name="t.txt")
     said = refused(tmp_path, source, "--columns", NAMES, "--units", "time=s,force=N,travel=mm")
     assert "4 names above 3 columns of numbers, apart by spaces" in said
+
+
+def test_a_unit_of_what_is_not_read_is_refused(tmp_path: Path) -> None:
+    said = refused(tmp_path, written(tmp_path), "--units", "gap=um")
+    assert "--units of gap, where" in said
+    assert 'travel ("travel_mm")' in said
 
 
 def test_columns_of_what_is_no_table_are_refused(tmp_path: Path) -> None:

@@ -49,6 +49,13 @@ def test_a_pit_elsewhere_is_said_and_far_away_refused(nectarine, shift_mm, refus
     assert doubt.relative_sd == pytest.approx(0.01 * shift_mm, rel=0.05)
 
 
+def test_a_moved_pit_widens_the_error_bar_by_more_than_what_it_did_to_E_and_not_three_times_that(nectarine):
+    """Over 6 mm E of three nectarines changed by 0.1 to 3.3 %."""
+    skin, (pit, faces), prior = nectarine
+    (doubt,) = of_a_given_pit(skin, pit + np.array([6.0, 0.0, 0.0]), faces, prior)
+    assert 0.033 < doubt.relative_sd < 3 * 0.033
+
+
 @pytest.mark.parametrize(("times", "refused"), [(1.3, False), (0.6, True), (1.7, True)])
 def test_a_pit_of_another_size_is_said(nectarine, times, refused):
     skin, (pit, faces), prior = nectarine

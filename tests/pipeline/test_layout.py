@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from small_batches import empty_batch
 
 from pipeline.batch.layout import BatchFolder, FruitFolder, FruitResults, write_whole
@@ -30,6 +31,18 @@ def test_a_ready_mesh_makes_photos_no_input(tmp_path):
     (tmp_path / "photos" / "1.jpg").touch()
     (tmp_path / "fruit.ply").touch()
     assert [p.name for p in FruitFolder(tmp_path).input_files()] == ["fruit.ply"]
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_scrap(tmp_path):
+    path = tmp_path / "file"
+    write_whole(path, "old")
+    path_is_folder = tmp_path / "folder"
+    path_is_folder.mkdir()
+    (path_is_folder / "x").touch()
+    with pytest.raises(OSError, match="folder"):
+        write_whole(path_is_folder, "new")
+    assert path.read_text() == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
 
 
 def test_forgetting_keeps_what_the_stages_made(tmp_path):
