@@ -199,7 +199,7 @@ class Effect(ABC):
         return 0.0
 
     def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
-        """Priors of searched parameters, the same as those of the signature's amounts; by default the amounts
+        """Priors of searched parameters, as wide as those of the signature's amounts; by default the amounts
         are the parameters. A parameter without one has the prior of its bounds (EffectParameter.spread). An
         effect that overrides `start` overrides this, too.
         """

@@ -69,7 +69,8 @@ class Candidate:
     """One explanation in the ranking: an effect, or two joined by "+", sorted.
 
     `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model, by linear
-    signatures or, if `refitted`, by full models. `gain`: decrease of chi-square. `heldout`: gain in log
+    signatures or, if `refitted`, by full models. The probability also allows for errors of the effects' laws
+    (`hidden` of fem.mismatch.selection.decision). `gain`: decrease of chi-square. `heldout`: gain in log
     predictive density on held-out grasps over no effect, and its standard error. `refitted`: by the effect's
     full nonlinear model.
     """
