@@ -214,10 +214,10 @@ def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> dict[str
 
 def _hidden_single(name: str, pairs: Sequence[Hypothesis], laws: Mapping[str, _Law]) -> float:
     """The greatest `_hidden` of a single effect. What a pair hides is hidden from its effects, too."""
-    beside = _hidden(laws[name].equations, {name: laws[name]})
+    by_effect = _hidden(laws[name].equations, {name: laws[name]})
     by_pair = {pair.name: pair.hidden for pair in pairs}
     return max(
-        (here + by_pair.get("+".join(sorted((name, other))), 0.0) for other, here in beside.items()),
+        (here + by_pair.get("+".join(sorted((name, other))), 0.0) for other, here in by_effect.items()),
         default=0.0,
     )
 
