@@ -33,6 +33,12 @@ def test_what_is_searched_lies_within_what_settings_may_hold(effect: Effect):
                 assert low <= ends[0] < ends[1] <= high, spec.name
 
 
+@pytest.mark.parametrize("effect", EFFECTS, ids=list(SPECS))
+def test_an_effect_whose_start_is_not_its_amounts_states_its_priors(effect: Effect):
+    if type(effect).start is not Effect.start:
+        assert type(effect).prior is not Effect.prior
+
+
 def test_every_effect_of_the_jaws_is_told_from_every_effect_of_the_fruit_by_turning_it():
     jaws = [name for name, spec in SPECS.items() if spec.scope in (Scope.SENSOR, Scope.GRIPPER)]
     fruit = [name for name, spec in SPECS.items() if spec.scope in (Scope.FRUIT, Scope.LOT)]
