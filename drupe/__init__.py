@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from drupe.batches import GradedBatch, grade, read
     from drupe.explained import ExplainedMismatch, explain, explain_fruit
     from drupe.live_frames import LiveModulus, live
-    from drupe.numbers import DrupeError
     from drupe.recordings import jaw_poses, read_recording, recording, write_recording
+    from drupe.refusal import DrupeError
 
 __all__ = [
     "DrupeError",

@@ -11,7 +11,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drupe.numbers import DrupeError, numbers, refusals
+from drupe.numbers import numbers
+from drupe.refusal import DrupeError, refusals
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.scratch import scratch

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from drupe.numbers import DrupeError
+from drupe.refusal import DrupeError
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.exit_status import DONE, DOUBTED, UNUSABLE
 from pipeline.files.manifest import json_in

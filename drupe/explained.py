@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from drupe.array_batch import FRUIT_ID, Pit, Surface, array_batch, silent
-from drupe.numbers import DrupeError, refusals
+from drupe.refusal import DrupeError, refusals
 from pipeline.diagnosis.explaining import ExplainOutputs, NotExplained
 from pipeline.diagnosis.explaining import explain as explained
 from reports.effect_words import explain_verdict

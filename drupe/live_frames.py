@@ -10,7 +10,8 @@ from scipy.sparse import csr_array
 from threadpoolctl import threadpool_limits
 
 from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
-from drupe.numbers import DrupeError, PerPad, numbers, per_pad
+from drupe.numbers import PerPad, numbers, per_pad
+from drupe.refusal import DrupeError
 from fem.estimation.live_modulus import FirstTouch, FrameEstimate, LiveModel, frame_modulus
 from fem.grasp_history import PadHistory
 from fem.solid.linear_solid import UnitModulusSolid

@@ -1,41 +1,12 @@
 """Checks the user's arrays; the error names array, shape and expected shape."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fem.fem_failure import FemFailure
-from pipeline.batch.outcome import FruitEnded
-from pipeline.files.whole_file import NotWritten
-from pipeline.problem import BatchRefused
-from recon.recon_failure import ReconFailure
-from tactile.tactile_failure import TactileFailure
-
-
-class DrupeError(ValueError):
-    """The input gives no result. The text states the value found, the expected one, and the remedy."""
-
-
-KNOWN = (BatchRefused, FemFailure, FruitEnded, NotWritten, ReconFailure, TactileFailure)
-
-
-@contextmanager
-def refusals(root: Path | None = None) -> Iterator[None]:
-    """Converts failures of drupe's packages in the block to DrupeError; removes `root` from their paths."""
-    try:
-        yield
-    except KNOWN as failure:
-        sentence = str(failure)
-        raise DrupeError(sentence if root is None else sentence.replace(f"{root}/", "")) from failure
-    except ExceptionGroup as failures:
-        if failures.split(KNOWN)[1] is not None:  # a fault of the program
-            raise
-        raise DrupeError(" ".join(str(failure) for failure in failures.exceptions)) from failures
-
+from drupe.refusal import DrupeError
 
 PerPad: TypeAlias = Sequence[ArrayLike] | np.ndarray
 """An array per pad: left, right; or the only one."""
@@ -58,7 +29,7 @@ def numbers(name: str, values: ArrayLike, shape: tuple[Length, ...], *, whole: b
     array([ 0.,  0., 30.])
     >>> numbers("centre_mm", [0, 0], (3,))
     Traceback (most recent call last):
-    drupe.numbers.DrupeError: centre_mm: found shape (2,), expected (3,)
+    drupe.refusal.DrupeError: centre_mm: found shape (2,), expected (3,)
     """
     wanted = (
         "(" + ", ".join("1 or more" if n is None else str(n) for n in shape) + ("," * (len(shape) == 1)) + ")"

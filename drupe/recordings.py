@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from drupe.numbers import DrupeError, PerPad, numbers, per_pad, refusals
+from drupe.numbers import PerPad, numbers, per_pad
+from drupe.refusal import DrupeError, refusals
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
 from tactile.jaw_poses import jaw_poses as poses_of_jaws

@@ -38,8 +38,7 @@ from reports.language import decimals as with_comma
 from reports.messages import in_language, message
 from reports.palette import UNKNOWN, class_mark, class_marks
 from reports.sheet_code import qr_png, sheet_code
-from reports.skin_layer import PADS
-from reports.skin_picture import FROM_SIDES
+from reports.skin_layer import FROM_SIDES, PADS
 from reports.tables import ranking_csv
 from reports.words import (
     NO_BREAK,

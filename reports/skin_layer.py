@@ -15,6 +15,15 @@ PIT = np.array([0.36, 0.20, 0.12])
 """sRGB (0 to 1) of a brown pit (by eye)."""
 PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
 """sRGB (0 to 1) of the pads' contacts: blue, green, violet, grey, for colour-blind readers too (by eye)."""
+FROM_SIDES = (
+    ("suture side", 0.0, 8.0),
+    ("right of the suture", 90.0, 8.0),
+    ("opposite side", 180.0, 8.0),
+    ("left of the suture", 270.0, 8.0),
+    ("stem end", 0.0, 86.0),
+    ("blossom end", 0.0, -86.0),
+)
+"""Name, azimuth and elevation (degrees) of the views: four sides a little from above, stem, blossom end."""
 SIGNED = ("7d0630", "d1495b", "f2b9a6", "f7f3ea", "a9cbe0", "3c8dbc", "163f70")
 ONE_SIDED = ("f7f3ea", "e8c06a", "c77a12", "6b2d00")
 """sRGB in hex from the lowest to the highest value: for values of both signs, and from zero up."""

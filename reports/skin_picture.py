@@ -17,21 +17,12 @@ from scipy.spatial import ConvexHull, cKDTree
 from reports.figures import webp_of
 from reports.language import decimals, say
 from reports.messages import message
-from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
+from reports.skin_layer import FLESH, FROM_SIDES, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
 """The recordings cannot show a spot whose signal is less than three times its noise."""
 INK, GREY = "#16191d", (0.70, 0.72, 0.75)
 """Colours of lines (as the page's text) and of skin without a value."""
-FROM_SIDES = (
-    ("suture side", 0.0, 8.0),
-    ("right of the suture", 90.0, 8.0),
-    ("opposite side", 180.0, 8.0),
-    ("left of the suture", 270.0, 8.0),
-    ("stem end", 0.0, 86.0),
-    ("blossom end", 0.0, -86.0),
-)
-"""Name, azimuth and elevation (degrees) of the views: four sides a little from above, stem, blossom end."""
 FROM_TWO = (("", 35.0, 24.0), ("", 215.0, 24.0))
 """Opposite views without a name: azimuth and elevation (degrees), by eye."""
 MARGIN = 1.25

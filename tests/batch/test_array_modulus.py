@@ -11,7 +11,7 @@ from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball
 from sample_batches import SETTINGS, drupe, ready_batch
 
 from drupe import grade, modulus, read, read_recording
-from drupe.numbers import DrupeError
+from drupe.refusal import DrupeError
 from recon.surface.mesh_file import read_mesh
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
