@@ -113,9 +113,10 @@ def test_a_provider_that_does_not_start_leaves_the_model_to_the_next_one(tmp_pat
 def test_a_run_is_limited_to_a_share_of_the_free_memory(tmp_path, monkeypatch):
     """A control group (a container, a job) has less free memory than its machine."""
     path, images = tmp_path / "model.onnx", np.zeros((1, 3, 192, 192), np.float32)
-    write_large_model(path, 6000)  # a matrix of 144 MB
+    write_large_model(path, 20000)  # a matrix of 1.6 GB, more than earlier tests leave in the heap
     monkeypatch.setattr("recon.learned.onnx_session.free_memory_MiB", lambda: 100.0)
     with refused(ReconProblem.BAD_GEOMETRY_MODEL, "failed while it ran"):
         ran(path, opened(path, ["CPUExecutionProvider"]), ["fruit_log_odds"], images, signature="")
+    write_large_model(path, 6000)  # 144 MB
     monkeypatch.setattr("recon.learned.onnx_session.free_memory_MiB", lambda: 1000.0)
     ran(path, opened(path, ["CPUExecutionProvider"]), ["fruit_log_odds"], images, signature="")
