@@ -14,9 +14,11 @@ from scipy.special import log_ndtr, logsumexp
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 
 SAME_ERROR = 1e-3
-"""Share of the greatest energy below which a direction is that of others, up to noise. Set by hand."""
+"""Share of the greatest energy (chi-square) below which a direction is a combination of the others, up to
+noise. Set by hand."""
 ABSORBED = 1e-6
-"""Share of an error's energy below which the nuisances absorb it, up to round-off. Set by hand."""
+"""Share of an error's energy (chi-square) below which the nuisances absorb it, up to round-off. Set by
+hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,11 +115,11 @@ class SignatureEquations:
         """The equations with the law's errors: their products with each other and with the columns. `energy`:
         that of each error before the nuisances are integrated out; one that they absorb is left out.
         """
-        left = np.flatnonzero(np.diag(errors) > ABSORBED * energy)
-        size = np.sqrt(np.diag(errors)[left])
-        share, axes = np.linalg.eigh(errors[np.ix_(left, left)] / np.outer(size, size))
+        remaining = np.flatnonzero(np.diag(errors) > ABSORBED * energy)
+        size = np.sqrt(np.diag(errors)[remaining])
+        share, axes = np.linalg.eigh(errors[np.ix_(remaining, remaining)] / np.outer(size, size))
         kept = share > SAME_ERROR * share.max(initial=0.0)
-        return replace(self, law_error=products[:, left] / size @ axes[:, kept] / np.sqrt(share[kept]))
+        return replace(self, law_error=products[:, remaining] / size @ axes[:, kept] / np.sqrt(share[kept]))
 
     def resemblance(self, columns: Sequence[int]) -> float:
         """The greatest share of a signature's energy in the space of the law's errors, over its amounts; 1

@@ -217,7 +217,7 @@ def _hidden_single(name: str, pairs: Sequence[Hypothesis], laws: Mapping[str, _L
     by_effect = _hidden(laws[name].equations, {name: laws[name]})
     by_pair = {pair.name: pair.hidden for pair in pairs}
     return max(
-        (here + by_pair.get("+".join(sorted((name, other))), 0.0) for other, here in by_effect.items()),
+        (alone + by_pair.get("+".join(sorted((name, other))), 0.0) for other, alone in by_effect.items()),
         default=0.0,
     )
 
