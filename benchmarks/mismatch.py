@@ -2,7 +2,7 @@
 
     python benchmarks/mismatch.py answer CASES ANSWERS ROUNDS
     python benchmarks/mismatch.py baselines CASES ANSWERS ROUNDS NULLS NULL_CASES
-    python benchmarks/mismatch.py score ANSWERS LABELS [--manifest MANIFEST] [--csv FILE]
+    python benchmarks/mismatch.py score ANSWERS LABELS [--manifest MANIFEST] [--csv FILE] [--figure PNG]
 
 `answer` explains every case below CASES once, as `drupe explain CASE --json FILE` does. Each case has
 a process of its own. It writes ANSWERS/CASE.json and one line per case in ANSWERS/runs.jsonl: exit status,
@@ -39,8 +39,9 @@ from script import run
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, amplitudes_of, information_of
 from reduced_case import gains_of, opened, reduced, store, stored
-from sealed_report import case_table, report
-from sealed_scores import NINETY, RELATIVES
+from score_figure import score_figure
+from sealed_report import amplitude_over_bound, case_table, report
+from sealed_scores import NINETY, RELATIVES, scored
 from sealing import broken_seals
 
 from fem.estimation.sensitivity import mean_normal, tangents
@@ -52,6 +53,7 @@ from fem.mismatch.selection.decision import DETECTION_P, MISFIT
 from fem.mismatch.selection.screening import screened
 from pipeline.batch.cache import code_version
 from pipeline.cli import main as drupe
+from reports.figures import png_of
 
 ROOMS = ("fem", "tactile", "recon", "pipeline")
 """Packages whose state decides an answer."""
@@ -211,7 +213,13 @@ def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
     return np.array(samples, dtype=float).reshape(-1, 6)
 
 
-def score(answers: Path, labels: Path, manifest: Path | None = None, csv: Path | None = None) -> int:
+def score(
+    answers: Path,
+    labels: Path,
+    manifest: Path | None = None,
+    csv: Path | None = None,
+    figure: Path | None = None,
+) -> int:
     """All tables of the answers against the labels; the exit status."""
     published = json.loads(labels.read_text(encoding="utf-8"))
     wrong = []
@@ -233,6 +241,13 @@ def score(answers: Path, labels: Path, manifest: Path | None = None, csv: Path |
     print("\n".join([*report(rows, labelled), *cost_lines(rows)]))
     if csv is not None:
         pd.DataFrame(case_table(rows, labelled)).to_csv(csv, index=False)
+    if figure is not None:
+        cases = [scored(row, labelled[row["case"]]) for row in rows if "failure" not in row]
+        known = [case for case in cases if case.kind == "single" and amplitude_over_bound(case) is not None]
+        stimuli = [amplitude_over_bound(case) or 0.0 for case in known]
+        seen = [[case.detected for case in known], [case.named_first for case in known]]
+        words = "amplitude over its Cramér-Rao bound (noise alone)"
+        figure.write_bytes(png_of(score_figure(stimuli, seen, cases, words)))
     return int(bool(wrong))
 
 

@@ -23,9 +23,8 @@ from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from scipy.optimize import brentq
-from scipy.special import expit, polygamma
+from scipy.special import polygamma
 from scipy.stats import kstest
 from script import run
 
@@ -35,9 +34,10 @@ from clustered_share import clustered_interval
 from ideal_confusion import ideal_names
 from psychometric import Curve, fitted_curve
 from reduced_case import ReducedCase, stored
+from score_figure import RELIABILITY_BINS, score_figure
 from scored_round import PLAIN_E_SD, ScoredRound, posterior, scored_round
 from sealed_report import modulus_line, reliability_bins
-from sealed_scores import Scored, interval, share
+from sealed_scores import Scored, share
 
 from fem.mismatch.evidence.model_error import FILE
 from fem.mismatch.result import NONE, UNKNOWN
@@ -56,8 +56,6 @@ MULTIPLES, DRAWS = (2, 4, 8), 200
 """Of the ideal confusions: full bounds, and draws of each effect and multiple."""
 FOLDS = 3
 """Parts of the fruit, by their numbers; the model error for one is measured on the others."""
-RELIABILITY_BINS = np.linspace(0.0, 1.0, 6)
-"""Of stated probabilities."""
 
 
 def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
@@ -277,49 +275,6 @@ def table_row(each: ScoredRound) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def drawing(rounds: Sequence[ScoredRound]) -> Figure:
-    """Psychometric curves on the left, the reliability diagram on the right."""
-    picture = Figure(figsize=(10, 4.2), dpi=120, layout="constrained")
-    left, right = picture.subplots(1, 2)
-    stimuli, seen, fitted = curves(rounds, 1)
-    kinds = (("detected", "C0", 0.96), ("named first", "C1", 1.04))
-    for (words, colour, shift), truths, curve in zip(kinds, seen, fitted, strict=True):
-        order = np.argsort(stimuli)
-        for group in np.array_split(order, min(8, max(len(order) // 4, 1))) if len(order) else ():
-            middle = shift * float(np.exp(np.mean(np.log(np.array(stimuli)[group]))))
-            _point(left, middle, [truths[k] for k in group], colour)
-        if curve is not None:
-            x = np.geomspace(min(stimuli) / 2, max(stimuli) * 2, 300)
-            label = f"{words}: half at {curve.half:.2g} bounds"
-            line = "-" if words == "detected" else "--"
-            left.plot(x, expit(curve.steepness * np.log(x / curve.half)), line, color=colour, label=label)
-    left.set(
-        xscale="log", xlabel="amplitude over its bound (model error included)", ylabel="share of cases",
-        ylim=(-0.03, 1.03), title=f"{len(stimuli)} cases with one effect",
-    )  # fmt: skip
-    if left.get_legend_handles_labels()[0]:
-        left.legend(loc="lower right")
-    right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
-    bins = reliability_bins([each.scored for each in rounds], RELIABILITY_BINS).values()
-    for stated, _, count, total in bins:
-        _point(right, stated, [True] * count + [False] * (total - count), "C2")
-        right.annotate(
-            f"{total}", (stated, count / total), textcoords="offset points", xytext=(-8, -4), ha="right"
-        )
-    right.set(
-        xlabel="stated probability of the first name", ylabel="share right", xlim=(0, 1), ylim=(-0.03, 1.03),
-        title=f"{sum(total for *_, total in bins)} cases with a mismatch detected",
-    )  # fmt: skip
-    return picture
-
-
-def _point(axes: Any, x: float, truths: Sequence[bool], colour: str) -> None:
-    """A share with its 95 % interval."""
-    middle = float(np.mean(truths))
-    low, high = interval(sum(map(bool, truths)), len(truths))
-    axes.errorbar(x, middle, [[middle - low], [high - middle]], fmt="o", color=colour, capsize=3)
-
-
 def loaded(folder: Path) -> dict[str, ReducedCase]:
     """Stored rounds by name. Exits if there are no rounds."""
     paths = sorted(path for path in folder.glob("*.npz") if not path.name.endswith(".partial.npz"))
@@ -354,7 +309,9 @@ def main(
     if csv is not None:
         pd.DataFrame([table_row(each) for each in scores]).to_csv(csv, index=False)
     if figure is not None:
-        figure.write_bytes(png_of(drawing(scores)))
+        stimuli, seen, _ = curves(scores, 1)
+        words = "amplitude over its bound (model error included)"
+        figure.write_bytes(png_of(score_figure(stimuli, seen, [each.scored for each in scores], words)))
 
 
 if __name__ == "__main__":

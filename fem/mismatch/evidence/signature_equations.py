@@ -6,6 +6,7 @@ hundred or so numbers replace the recordings in every linear explanation.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -121,10 +122,14 @@ class SignatureEquations:
         kept = share > SAME_ERROR * share.max(initial=0.0)
         return replace(self, law_error=products[:, remaining] / size @ axes[:, kept] / np.sqrt(share[kept]))
 
-    def resemblance(self, columns: Sequence[int]) -> float:
-        """The greatest share of a signature's energy in the space of the law's errors, over its amounts; 1
+    @cached_property
+    def resemblance(self) -> dict[tuple[int, ...], float]:
+        """The greatest share of each signature's energy in the space of the law's errors, over its amounts; 1
         if that space is not known.
         """
+        return {way: self._in_law_error(way) for ways in self.ways.values() for way in map(tuple, ways)}
+
+    def _in_law_error(self, columns: Sequence[int]) -> float:
         if self.law_error is None:
             return 1.0
         at = list(columns)
@@ -135,10 +140,6 @@ class SignatureEquations:
             return 0.0
         return min(float(np.linalg.norm(inside, 2)) ** 2, 1.0)
 
-    def with_noise(self, variance: float) -> "SignatureEquations":
-        """The equations in noise of this variance instead of 1."""
-        return replace(self, normal=self.normal / variance, right=self.right / variance)
-
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
         """Posterior means of the amounts of these columns without others: (N + L)^-1 b."""
         at = list(columns)
@@ -147,15 +148,16 @@ class SignatureEquations:
         )
 
     def log_bayes_factor(
-        self, columns: Sequence[int], right: Float[np.ndarray, "d c"]
+        self, columns: Sequence[int], right: Float[np.ndarray, "d c"], *, noise: float = 1.0
     ) -> Float[np.ndarray, " d"]:
         """Of one signature over none. With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus
         ln 2 Phi(mean / sd) for a positive amount. It is at most zero if an amount is below its `least`.
+        `noise`: variance of the noise, which N and b have as 1.
         """
         at = list(columns)
         weight = self.sd[at] ** -2.0
-        normal = self.normal[np.ix_(at, at)] + np.diag(weight)
-        mine = right[:, at]
+        normal = self.normal[np.ix_(at, at)] / noise + np.diag(weight)
+        mine = right[:, at] / noise
         amounts = np.linalg.solve(normal, mine.T).T
         log_det = np.linalg.slogdet(normal)[1] - np.log(weight).sum()
         log_factor = ((mine * amounts).sum(axis=1) - log_det) / 2

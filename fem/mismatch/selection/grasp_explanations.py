@@ -41,7 +41,7 @@ class _Law:
 
     def noise(self, columns: Sequence[int]) -> float:
         """Variance of the law's error along a signature, over that of the noise."""
-        return self.share**2 * max(self.signal, 0.0) * self.equations.resemblance(columns)
+        return self.share**2 * max(self.signal, 0.0) * self.equations.resemblance[tuple(columns)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,11 +224,10 @@ def _hidden_single(name: str, pairs: Sequence[Hypothesis], laws: Mapping[str, _L
 
 def _added(equations: SignatureEquations, ways: Sequence[Sequence[int]], noise: Sequence[float]) -> float:
     """Log Bayes factor of an effect in additional noise, the mean over its signatures."""
-    noisy = [equations.with_noise(1 + more) for more in noise]
     return mean_gain(
         [
-            float(each.log_bayes_factor(way, each.right[None])[0])
-            for each, way in zip(noisy, ways, strict=True)
+            float(equations.log_bayes_factor(way, equations.right[None], noise=1 + more)[0])
+            for way, more in zip(ways, noise, strict=True)
         ]
     )
 
