@@ -70,6 +70,20 @@ def test_neo_hookean_flesh_deforms_largely_and_does_not_stiffen(neo_hookean):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("share", [0.8, 1.25])
+def test_large_deformation_grows_with_the_fitted_compliance(neo_hookean, share):
+    """Its amount stays at its prior mean where the plain model starts from another 1/E, `share` of the
+    true one.
+    """
+    injected, _ = neo_hookean
+    other = replace(injected, compliance=share * injected.compliance)
+    linear = screened_effects(other, [])
+    columns = [linear.products.columns[j].name for j in linear.null.chosen]
+    assert share * (1 + linear.null.amounts[0]) == pytest.approx(1.0, abs=0.01)
+    assert linear.null.amounts[columns.index(LARGE_DEFORMATION)] == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.slow
 def test_stiffening_holds_large_deformation_itself(neo_hookean):
     """Its refit goes without the plain model's, and finds no more b than it starts from."""
     injected, linear = neo_hookean

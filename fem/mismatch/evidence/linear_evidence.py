@@ -23,6 +23,7 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.case_model import CaseModel, MemoTable
 from fem.mismatch.model.force_noise import ALL, ForceNoise, noise_of_change, noise_products
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.plain_model import Fields
 from fem.parallel_map import parallel_map
 
 PLAIN_SD = 3.0
@@ -58,8 +59,9 @@ class Fit:
 class GramMatrix:
     """Products of all columns with each other and the data, recording by recording.
 
-    Row 0 is the data (less prior means), row 1 the plain model (its response s c), then the
-    columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
+    Row 0 is the data (less prior means), row 1 the plain model (the derivative of its prediction with
+    respect to ln s: s c, and columns whose prior mean grows with a power of s), then the columns in the order
+    given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
     given, counted from one. Products with the data are corrected for `bias`, by recording and column: that of
     noise in the forces (fem.mismatch.model.force_noise) and `surface`, that of the scanned surface's error
     (fem.mismatch.evidence.surface_bias).
@@ -76,7 +78,9 @@ class GramMatrix:
     ) -> None:
         self._noise, self._workers = tuple(noise), model.workers
         self._noise_products = MemoTable()
-        plain_fields = [_plain(model, equations) for equations in recorded]
+        self._compliance = model.compliance
+        unit = [equations.recording.tracks.unit_displacement for equations in recorded]
+        plain_fields = _along_compliance(model, unit, columns)
         self.columns = [
             Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=ALL),
             *columns,
@@ -133,6 +137,7 @@ class GramMatrix:
         matrix.columns, matrix.rows, matrix.products = list(columns), list(rows), list(products)
         matrix.weighed, matrix.data, matrix._recorded = [], [], []
         matrix._noise, matrix._noise_products, matrix._workers = (), MemoTable(), 1
+        matrix._compliance = float("nan")
         matrix.bias = np.zeros((len(rows), len(columns)))
         return matrix
 
@@ -168,8 +173,8 @@ class GramMatrix:
         other.bias = np.column_stack(
             [noise.plain, self.bias[:, list(chosen)], noise.signatures @ like_signatures[1:].T]
         )
-        old = [self.columns[j] for j in chosen]
-        plain_fields = [ObservationDelta(markers=model.compliance * unit) for unit in response.unit]
+        old = [self.columns[j].at(model.compliance / self._compliance) for j in chosen]
+        plain_fields = _along_compliance(model, response.unit, old)
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
@@ -309,5 +314,13 @@ def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]
     return corrected
 
 
-def _plain(model: CaseModel, equations: GraspEquations) -> ObservationDelta:
-    return ObservationDelta(markers=model.compliance * equations.recording.tracks.unit_displacement)
+def _along_compliance(model: CaseModel, unit: Fields, columns: Sequence[Regressor]) -> list[ObservationDelta]:
+    """Derivative of each recording's prediction with respect to ln s: s c, and the columns' prior means by
+    their powers.
+    """
+    fields = [ObservationDelta(markers=model.compliance * response) for response in unit]
+    for column in columns:
+        if column.power:
+            amount = column.power * column.mean
+            fields = [field.plus(amount, more) for field, more in zip(fields, column.fields, strict=True)]
+    return fields

@@ -6,7 +6,7 @@ rest      zero drift of each pad's normal force from before the contact to after
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -43,7 +43,7 @@ class Regressor:
     meaning. `same_as`: for a column of the model's own error, the number (from one) of the case's column with
     the same fields (fem.mismatch.evidence.model_error). `of_forces`: the linear map from the forces to the
     fields, which gives their noise (fem.mismatch.model.force_noise); None if they hardly or not linearly
-    depend on the forces.
+    depend on the forces. `power`: of 1/E with which the prior mean and its spread grow.
     """
 
     name: str
@@ -54,3 +54,10 @@ class Regressor:
     mean: float = 0.0
     same_as: int | None = None
     of_forces: LinearInForces | None = None
+    power: float = 0.0
+
+    def at(self, share: float) -> "Regressor":
+        """This column at so many times the 1/E."""
+        if not self.power:
+            return self
+        return replace(self, mean=share**self.power * self.mean, sd=share**self.power * self.sd)
