@@ -48,10 +48,10 @@ def one_thread() -> Iterator[None]:
 
 
 LOOSE_AGREEMENT = 0.6
-"""Share of the views that must classify a cell of the first block as fruit, if the photos contradict the mesh
-made with AGREEMENT. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with
-0.6 (benchmarks/photo_bank_score.py --without-model, sets 26 and 34). For dark and red fruit 0.85 is better
-(sets 12 and 54)."""
+"""Share of the views that must not classify a cell of the first block as ground, if the photos contradict
+the mesh made with AGREEMENT. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and
+0.07 mm with 0.6 (benchmarks/photo_bank_score.py --without-model, sets 26 and 34). For dark and red fruit 0.85
+is better (sets 12 and 54)."""
 HEIGHT_SD_MM = 0.2
 """Standard deviation of a height in fruits.csv, by a caliper on a soft, round body (assumed)."""
 MADE_TWICE = (
@@ -124,7 +124,9 @@ def reconstruct(
         model = fruit_model(options.fruit_model, providers=options.providers)
     with one_thread():
         poses = (
-            cameras_from_mat(photos, mat) if mat else cameras_from_motion(photos, height_mm=height_mm or 1.0)
+            cameras_from_mat(photos, mat)
+            if mat
+            else cameras_from_motion(photos, height_mm=height_mm or 1.0, model=model)
         )
         pairs = [straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)]
     try:

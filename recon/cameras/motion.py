@@ -16,6 +16,7 @@ from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_motion import cameras_from_ground, placed
 from recon.cameras.similarity import affine
+from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
 
 # pycolmap's own SIGTERM handler would print a stack; the handler of the process must stay
@@ -41,7 +42,9 @@ SEED = 1
 """Arbitrary, fixed so that runs repeat."""
 
 
-def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+def cameras_from_motion(
+    photos: Sequence[Photo], *, height_mm: float, model: FruitModel | None = None
+) -> Poses:
     """Cameras from the flat ground's texture, or if that leaves photos out, from features of the scene.
 
     The method that places more photos counts; if equal, the ground. World and box: see
@@ -49,22 +52,24 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     """
     require_enough(len(photos), where="The set")
     try:
-        ground = cameras_from_ground(photos, height_mm=height_mm)
+        ground = cameras_from_ground(photos, height_mm=height_mm, model=model)
     except ReconFailure as failure:
         try:
-            return cameras_from_features(photos, height_mm=height_mm)
+            return cameras_from_features(photos, height_mm=height_mm, model=model)
         except ReconFailure as other:
             raise ReconFailure(other.problem, f"{other.detail} {failure.detail}") from None
     if len(ground.used) == len(photos):
         return ground
     try:
-        features = cameras_from_features(photos, height_mm=height_mm)
+        features = cameras_from_features(photos, height_mm=height_mm, model=model)
     except ReconFailure:
         return ground
     return features if len(features.used) > len(ground.used) else ground
 
 
-def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+def cameras_from_features(
+    photos: Sequence[Photo], *, height_mm: float, model: FruitModel | None = None
+) -> Poses:
     """Cameras from SIFT features of all pairs and incremental mapping (Schönberger, Frahm 2016).
 
     World: about millimetres (the fruit is assumed `height_mm` tall), z up from the support plane. The fruit
@@ -99,7 +104,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
     level = _level(cloud, cameras)
     cameras = [c.moved(level) for c in cameras]
-    world, box = placed([photos[i] for i, _ in rows], cameras, height_mm)
+    world, box = placed([photos[i] for i, _ in rows], cameras, height_mm, model)
     cameras = [c.moved(world) for c in cameras]
     focal = model.cameras[rows[0][1].camera_id]
     return Poses(

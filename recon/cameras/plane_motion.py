@@ -25,6 +25,7 @@ from recon.cameras.plane_start import (
 )
 from recon.cameras.similarity import affine, scaling
 from recon.cameras.view_plan import missing_views
+from recon.learned.fruit_model import FruitModel
 from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, box_about_z
@@ -206,7 +207,9 @@ MOST_MISS_PX = 1.5
 """Median residual, px, above which ground points do not lie on one plane."""
 
 
-def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+def cameras_from_ground(
+    photos: Sequence[Photo], *, height_mm: float, model: FruitModel | None = None
+) -> Poses:
     """Cameras from the ground's texture, matched in top views, on the plane z = 0.
 
     Homographies of the ground between all pairs give focal length and poses. Patches of the ground in every
@@ -238,7 +241,7 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         Camera.of(photo, focal_px, scene.k1, pose).moved(level)
         for photo, focal_px, pose in zip(seen, scene.focals_px, scene.poses, strict=True)
     ]
-    world, box = placed(seen, cameras, height_mm)
+    world, box = placed(seen, cameras, height_mm, model)
     lost = len(photos) - len(members)
     lacking = _lacking(photos, members, [c.place for c in cameras], np.zeros(3))
     return Poses(
@@ -352,18 +355,18 @@ def _refined(
 
 
 def placed(
-    photos: Sequence[Photo], cameras: Sequence[Camera], height_mm: float
+    photos: Sequence[Photo], cameras: Sequence[Camera], height_mm: float, model: FruitModel | None = None
 ) -> tuple[Float[np.ndarray, "4 4"], Box]:
     """Shift and scale to about millimetres with the fruit on the z axis, and the box that contains it.
 
-    The fruit is the block on the ground, near the cameras' aim, on which the photos agree. Raises
-    ReconFailure (no-fruit).
+    The fruit is the block on the ground, near the cameras' aim, on which the photos agree. `model` adds its
+    log odds, since without a mat the ground may have the fruit's colours. Raises ReconFailure (no-fruit).
     """
     distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
     guess = scaling(100 / distance)
     pairs = [straightened(p, c.moved(guess)) for p, c in zip(photos, cameras, strict=True)]
     images, plain = [image for image, _ in pairs], [camera for _, camera in pairs]
-    scene = SegmentationScene(images, plain, *box_about_z(32.0, 55.0))
+    scene = SegmentationScene(images, plain, *box_about_z(32.0, 55.0), model)
     cells = first_block(scene).points * distance / 100
     low, high = cells.min(0), cells.max(0)
     factor = height_mm / high[2]

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pipeline.files.plain_file import listed
 from recon.cameras.camera import Camera
 from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
@@ -122,8 +123,8 @@ def find_fruit(
     """Outlines and surface of the object on z = 0 inside a box (mm). Cameras have no distortion.
 
     The current hull or block hides the ground from the background plate, and only pixels inside it may become
-    fruit; each hull bounds the next. `agreement`: the share of the views that must classify a cell of the
-    first block as fruit. `model` adds its log odds. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
+    fruit; each hull bounds the next. `agreement`: the share of the views that must not classify a cell of the
+    first block as ground. `model` adds its log odds. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
     three photos show it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
@@ -289,10 +290,12 @@ def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, I
     points, given = block.points, len(scene.cameras)
     whole = [i for i, camera in enumerate(scene.cameras) if camera.shows(camera.project(points), 3).all()]
     if len(whole) < FEWEST_PHOTOS:
+        cut = [camera.name for i, camera in enumerate(scene.cameras) if i not in whole]
         raise ReconProblem.FRUIT_CUT_OFF.failure(
             f"Only {len(whole)} of {given} photos show the whole fruit, expected at least "
-            f"{FEWEST_PHOTOS}, better all. Increase the distance. If no photo cuts the fruit off, all "
-            "have one height, which leaves its top open. Take photos from two or three heights."
+            f"{FEWEST_PHOTOS}, better all. The fruit that drupe found reaches beyond {listed(cut)}. Increase "
+            "the distance. If these photos show the whole fruit, drupe took its surroundings for fruit: use "
+            "a ground of another colour and even light."
         )
     if len(whole) < given:
         images, cameras = [scene.images[i] for i in whole], [scene.cameras[i] for i in whole]

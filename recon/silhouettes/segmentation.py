@@ -14,14 +14,22 @@ from recon.learned.fruit_model import FruitModel
 from recon.picture_values import Pictures
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes import mask as colour
-from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
+from recon.silhouettes.background_plate import (
+    FEWEST_VIEWS,
+    BackgroundPlate,
+    GroundViews,
+    background_plate,
+    ground_views,
+)
 from recon.silhouettes.mask import Behind, Window
 from recon.silhouettes.star_cut import star_cuts
 
 CELLS = 44
 """Cells along the longest side of the box: enough for a first place and size. Set by hand."""
 AGREEMENT = 0.85
-"""Share of the views that must classify a cell as fruit: some may err. Set by hand."""
+"""Share of the views that must not classify a cell as ground: some may err. Set by hand."""
+LEAST_SUPPORT = 0.4
+"""Least share of the views that must classify a cell as fruit, whatever others know. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,7 @@ class Block:
 
 def carve(
     masks: Sequence[Bool[np.ndarray, "_ _"]],
+    known: Sequence[Bool[np.ndarray, "_ _"]],
     windows: Sequence[Window],
     cameras: Sequence[Camera],
     *,
@@ -55,20 +64,25 @@ def carve(
     high_mm: Float[np.ndarray, "3"],
     agreement: float = AGREEMENT,
 ) -> Block:
-    """The largest connected set of cells inside the masks of a share `agreement` of the views that show them.
+    """The largest connected set of cells that few views call ground and enough views call fruit.
 
-    Voting, unlike strict intersection, keeps fruit that one bad mask misses.
+    At pixels of `known` a view votes for fruit inside its mask, and otherwise for ground. At other pixels it
+    does not vote. A share 1 - `agreement` of the views that show a cell may call it ground. LEAST_SUPPORT of
+    all views must call it fruit. Voting, unlike strict intersection, keeps fruit that one bad mask misses.
     """
     cell = float((high_mm - low_mm).max()) / CELLS
     shape = np.maximum(np.ceil((high_mm - low_mm) / cell).astype(int), 1)
     centres = low_mm + (np.indices(shape).reshape(3, -1).T + 0.5) * cell
-    inside, asked = np.zeros(len(centres)), np.zeros(len(centres))
-    for mask, window, camera in zip(masks, windows, cameras, strict=True):
+    shown, fruit, ground = np.zeros((3, len(centres)))
+    for mask, there, window, camera in zip(masks, known, windows, cameras, strict=True):
         at = np.rint(window.into_small(camera.project(centres))).astype(int)
         ok = (at >= 0).all(1) & (at[:, 0] < mask.shape[1]) & (at[:, 1] < mask.shape[0])
-        inside[ok] += mask[at[ok, 1], at[ok, 0]]
-        asked += ok
-    votes = (inside >= agreement * asked) & (asked >= max(3, 0.4 * len(cameras)))
+        column, row = at[ok].T
+        shown += ok
+        fruit[ok] += there[row, column] & mask[row, column]
+        ground[ok] += there[row, column] & ~mask[row, column]
+    votes = shown - ground >= agreement * shown
+    votes &= fruit >= max(FEWEST_VIEWS, LEAST_SUPPORT * len(cameras))
     parts, count = ndimage.label(votes.reshape(shape))
     if count == 0:
         return Block(np.zeros(shape, bool), low_mm, cell)
@@ -169,8 +183,9 @@ class SegmentationScene:
 def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
     """The object on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
-    The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
-    views that must classify a cell as fruit. Raises ReconFailure (no-fruit) for fewer than FEWEST_CELLS.
+    The plate is the median over the photos, which must outvote the fruit. Where it is not known and the fruit
+    model does not decide, a photo does not vote. `agreement`: see `carve`. Raises ReconFailure (no-fruit) for
+    fewer than FEWEST_CELLS.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
@@ -180,13 +195,14 @@ def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Bl
     for view in views:
         behind = colour.ground_behind(view.window, background, scatter, view.camera)
         log_odds.append(colour.first_log_odds(view.colours, behind) + view.learned)
-        known.append(behind.known)
-        masks.append(colour.tidy(log_odds[-1]) | ~behind.known)
+        known.append(behind.known | (view.learned != 0))
+        masks.append(colour.tidy(log_odds[-1]))
     try:
-        return _carved(masks, views, scene, agreement)
+        return _carved(masks, known, views, scene, agreement)
     except ReconFailure:
         similar = _similar_to_fruit(views, log_odds, known, scene.low_mm, scene.high_mm)
-        return _carved([m | a for m, a in zip(masks, similar, strict=True)], views, scene, agreement)
+        masks = [m | a for m, a in zip(masks, similar, strict=True)]
+        return _carved(masks, known, views, scene, agreement)
 
 
 def _similar_to_fruit(
@@ -219,11 +235,17 @@ def _similar_to_fruit(
 
 
 def _carved(
-    masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
+    masks: list[Bool[np.ndarray, "_ _"]],
+    known: list[Bool[np.ndarray, "_ _"]],
+    views: list[CutPhoto],
+    scene: SegmentationScene,
+    agreement: float,
 ) -> Block:
     """The coarse fruit that the masks agree on; raises ReconFailure (no-fruit) without one."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
-    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
+    block = carve(
+        masks, known, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement
+    )
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show only the support")
     return block

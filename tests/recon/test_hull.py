@@ -31,9 +31,10 @@ def masks_of(count: int) -> list[np.ndarray]:
     return [from_rim_px() > 0] * count
 
 
-def carved(masks, towards, **how) -> Block:
+def carved(masks, towards, *, known=None, **how) -> Block:
     return carve(
         masks,
+        [np.ones_like(m) for m in masks] if known is None else known,
         [whole_window()] * len(masks),
         [camera_towards(toward) for toward in towards],
         low_mm=LOW,
@@ -65,6 +66,17 @@ def test_two_empty_masks_of_twentyfour_are_outvoted_and_eight_are_not():
     many = carved([empty] * 8 + masks_of(16), directions(24))
     assert block_mm3(few) > 0.98 * BALL_MM3
     assert not many.filled.any()
+
+
+def test_views_that_know_nothing_neither_add_nor_remove_cells():
+    full, empty = np.ones((SIZE_PX, SIZE_PX), bool), np.zeros((SIZE_PX, SIZE_PX), bool)
+    towards = directions(24)
+    alone = carved(masks_of(16), towards[8:], agreement=1.0)
+    for blank in (full, empty):
+        known = [empty] * 8 + [full] * 16
+        some = carved([blank] * 8 + masks_of(16), towards, known=known, agreement=1.0)
+        assert (some.filled == alone.filled).all()
+        assert not carved([blank] * 24, towards, known=[empty] * 24).filled.any()
 
 
 LONGEST_MM = 60.0

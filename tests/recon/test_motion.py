@@ -14,7 +14,9 @@ from recon.cameras import motion
 from recon.cameras.ground_plane import upright
 from recon.cameras.motion import cameras_from_features, cameras_from_motion
 from recon.cameras.photos import Photo
+from recon.cameras.plane_motion import placed
 from recon.cameras.printed_mat import standard_mat
+from recon.learned.fruit_model import SHIPPED, FruitModel
 from recon.recon_failure import ReconProblem
 
 
@@ -54,6 +56,31 @@ def test_photos_with_common_features_but_one_viewpoint_are_refused_for_their_cam
     noisy = [np.clip(cloth + rng.normal(0, 2, cloth.shape), 0, 255).astype(np.uint8) for _ in range(4)]
     with refused(ReconProblem.NO_OVERLAP, "Features of the photos give camera poses for only 0 of 4 photos"):
         cameras_from_features([Photo(f"{i}.png", image) for i, image in enumerate(noisy)], height_mm=48.0)
+
+
+class Redness:
+    """Log odds of red pixels, as a fruit model's session gives them."""
+
+    def run(self, names, feeds):
+        return [np.clip(2000 * (feeds["images"][:, :1] - 154 / 255), -6, 6)]
+
+
+def test_fruit_of_the_colour_of_its_ground_is_placed_with_the_fruit_model():
+    """Skin and ground differ by less than ground may differ from its plate."""
+    egg, cameras = Egg(x_mm=12.0, y_mm=-9.0), ring(9, width=240, height=180)
+    v, u = np.mgrid[:180, :240]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    photos = []
+    for camera in cameras:
+        covered = egg.covers(camera, pixels).reshape(180, 240, 1)
+        image = np.where(covered, np.array([90, 112, 158]), np.array([90, 120, 150])).astype(np.uint8)
+        photos.append(Photo(camera.name, image))
+    with refused(ReconProblem.NO_FRUIT, "drupe found no fruit"):
+        placed(photos, cameras, 48.0)
+    world, (_, high_mm) = placed(photos, cameras, 48.0, FruitModel(SHIPPED, Redness()))
+    middle = world[:3, :3] @ egg.centre + world[:3, 3]
+    assert (np.abs(middle[:2]) + egg.semi_mm[:2] < high_mm[:2]).all()
+    assert middle[2] == pytest.approx(egg.centre[2], rel=0.1)
 
 
 def test_a_first_photo_from_straight_above_is_refused():

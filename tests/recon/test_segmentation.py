@@ -133,6 +133,14 @@ def test_the_first_block_is_in_the_egg_and_fills_most_of_its_upper_half():
     assert np.linalg.norm(cells.points.mean(axis=0)[:2] - EGG.centre[:2]) < 2 * cells.cell_mm
 
 
+def test_from_low_cameras_the_first_block_is_the_egg_though_nothing_is_known_of_the_wall_behind():
+    cameras = ring(24, width=WIDTH, height=HEIGHT)[::3]  # 20 degrees above the ground
+    photos = photographed(cameras, egg=EGG, mat=None)
+    points = first_block(SegmentationScene([p.image for p in photos], cameras, LOW, HIGH)).points
+    assert np.abs(points.mean(axis=0)[:2] - EGG.centre[:2]).max() < 3.0
+    assert np.quantile(EGG.misses_mm(points), 0.9) < 4.0
+
+
 def test_where_nothing_stands_there_is_no_fruit():
     cameras = ring(6, width=240, height=180)
     bare = SegmentationScene([p.image for p in photographed(cameras, egg=None, mat=None)], cameras, LOW, HIGH)
@@ -163,3 +171,9 @@ def test_a_fruit_cut_off_in_all_photos_but_two_is_refused():
     few = SegmentationScene(scene().images[:2], scene().cameras[:2], LOW, HIGH)
     with refused(ReconProblem.FRUIT_CUT_OFF, "2 of 2 photos show the whole fruit"):
         whole_views(few, ball_block(9))
+
+
+def test_a_refusal_for_a_cut_fruit_names_the_photos_that_it_reaches_beyond():
+    words = r"0 of 8 photos .* beyond 000\.png, .* and 2 more\..*surroundings"
+    with refused(ReconProblem.FRUIT_CUT_OFF, words):
+        whole_views(scene(), ball_block(40))
