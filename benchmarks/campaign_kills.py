@@ -125,7 +125,8 @@ class Campaign:
         self.require(hashes(self.batch) == self.inputs, "the inputs changed")
 
     def require_repaired(self, out: str | Path) -> None:
-        """The same command again gives what the undisturbed run gave, and leaves no file of its own."""
+        """Nothing is left. The same command again gives what the undisturbed run gave, and no other file."""
+        self.require_nothing_left()
         status = self.wait(self.start(out))
         self.require(status == self.status, f"the second run ended with {status}")
         self.require_nothing_left()
@@ -253,7 +254,6 @@ def doubled(campaign: Campaign) -> str:
     statuses = sorted((campaign.wait(first_run), campaign.wait(other)))
     campaign.require(statuses == sorted((2, campaign.status)), f"ended with {statuses}")
     campaign.require(not processes(mark), "processes left")
-    campaign.require_nothing_left()
     campaign.require_repaired(out)
     return "one works, one is refused"
 
@@ -261,14 +261,13 @@ def doubled(campaign: Campaign) -> str:
 def another_time(campaign: Campaign, by_s: float) -> str:
     """The clock is set while the run is on."""
     out = campaign.empty()
-    (campaign.folder / "clock").mkdir(exist_ok=True)
-    (campaign.folder / "clock" / "sitecustomize.py").write_text(CLOCK)
+    path = campaign.folder / "clock"
+    path.mkdir(exist_ok=True)
+    (path / "sitecustomize.py").write_text(CLOCK)
     after_s = campaign.draw.uniform(0, 0.5) * campaign.took_s
-    path = str(campaign.folder / "clock")
-    run = campaign.start(out, PYTHONPATH=path, AFTER_S=str(after_s), BY_S=str(by_s))
+    run = campaign.start(out, PYTHONPATH=str(path), AFTER_S=str(after_s), BY_S=str(by_s))
     status = campaign.wait(run)
     campaign.require(status == campaign.status, f"ended with {status}")
-    campaign.require_nothing_left()
     campaign.require_repaired(out)
     return "as undisturbed"
 

@@ -8,7 +8,7 @@ from numpy.polynomial.legendre import leggauss
 
 from fem.indentation.contact_curve import THICK, ContactCurve, out_of_range, require_positive
 
-#: largest radius over thickness compared with finite elements (tests/fem/test_flat_punch.py)
+#: largest radius over thickness compared with finite elements (tests/fem/test_compressed_cylinder.py)
 THINNEST = 2.0
 #: Gauss points over the punch's radius, and over wave numbers up to MOST_WAVES; doubling them changes the
 #: factor by less than 1e-6

@@ -23,7 +23,7 @@ benchmarks/silicone_cylinders.py)."""
 RIG_SHAPE = 0.3
 """Share of a subtracted rig's standard deviation that is not a common scale of its curve. Set by hand: from
 three squeezes of a spring in series with Hertz's contact, the curve's error at the first touch is 0.016 mm,
-and its standard deviation at the largest force 0.057 mm (tests/pipeline/test_calibrate_rig.py)."""
+and its standard deviation at the largest force 0.057 mm (tests/pipeline/test_calibrate.py)."""
 STEEPER = 1.5
 """Relative change of a ball's force over the relative change of depth (Hertz)."""
 

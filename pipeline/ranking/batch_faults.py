@@ -73,7 +73,7 @@ def _dated(root: Path, settings: Settings) -> Iterator[tuple[str, date, str]]:
 FALSE_ALARM = 0.01
 """Largest share of faultless batches in which a fault is reported: one in a hundred, as somebody has to stop
 and calibrate. Simulated ones, whose fruit differ by more than their errors, stay below it
-(tests/pipeline/test_batch_faults.py)."""
+(tests/pipeline/test_doubts.py)."""
 FEWEST = 3
 """Fewest fruit: with two nobody can separate what is common from what differs."""
 FLOOR: dict[str, float] = {
@@ -90,7 +90,7 @@ error may mimic. The four normal fruit of the sample batch show gains of 0.004, 
 others are two to three times the error of such effects (benchmarks/results/mismatch.csv)."""
 PRIOR_FREEDOM = 4
 """Degrees of freedom of that prior. With 3 to 5 the stated rate holds while fruit differ by up to three times
-FLOOR. A gain of 4 % in four fruit is then found (tests/pipeline/test_batch_faults.py)."""
+FLOOR. A gain of 4 % in four fruit is then found (tests/pipeline/test_doubts.py)."""
 OF_ITS_OWN = 2.0
 """Floor of parameters without a FLOOR, in standard deviations of the median fruit. Set by hand."""
 SEEN = 2.0

@@ -282,7 +282,7 @@ LEAST_NOISE = 0.99
 DRAGGED = 0.4
 """Share of one direction in the motion of a gel, above which it is dragged. Three real drags have 0.54 to
 0.91 in their greatest frame (cheese_tube of Parag, Incipient-Slip-Detection), synthetic ones 0.99 and more.
-Imprints that appear or vanish have 0.00 (tests/pipeline/test_reference_messages.py). Set by hand between
+Imprints that appear or vanish have 0.00 (tests/pipeline/test_raw_grasps.py). Set by hand between
 them, on these clips."""
 
 

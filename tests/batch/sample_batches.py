@@ -53,17 +53,18 @@ class Ran:
         return last
 
 
-def drupe(*arguments: object) -> Ran:
-    """Runs the command in this process, its fruit too (in_this_process)."""
+def drupe(*arguments: object, status: int | None = None) -> Ran:
+    """Runs the command in this process, its fruit too (in_this_process); `status`: how it must end."""
     out, err = StringIO(), StringIO()
-    status = 0
+    ended_with = 0
     with mock.patch.object(sys, "argv", ["drupe", *map(str, arguments)]):
         try:
             with redirect_stdout(out), redirect_stderr(err):
                 main()
         except SystemExit as ended:
-            status = int(ended.code or 0)
-    return Ran(status, out.getvalue(), err.getvalue())
+            ended_with = int(ended.code or 0)
+    assert status in (None, ended_with), err.getvalue()
+    return Ran(ended_with, out.getvalue(), err.getvalue())
 
 
 def drupe_alone(*arguments: object, timeout: float = 600) -> Ran:

@@ -8,12 +8,10 @@ from recon.surface.mesh_file import read_mesh, write_mesh
 
 
 def refused(batch):
-    graded = drupe("grade", "--no-screen", batch)
-    assert graded.status == 2
+    graded = drupe("grade", "--no-screen", batch, status=2)
     line = graded.one_line_error()
     assert not (batch / "results").exists()
-    checked = drupe("check", batch)
-    assert checked.status == 2
+    checked = drupe("check", batch, status=2)
     assert line.removeprefix("drupe: ") in checked.out
     return line
 
@@ -75,16 +73,14 @@ def test_wrong_usage_is_status_two_without_a_traceback():
 
 def test_results_that_cannot_be_written(batch, tmp_path):
     (tmp_path / "taken").write_text("a file, not a folder")
-    ran = drupe("grade", batch, "--out", tmp_path / "taken")
-    assert ran.status == 2
+    ran = drupe("grade", batch, "--out", tmp_path / "taken", status=2)
     assert "is a file; choose another place with --out" in ran.one_line_error()
 
 
 def test_check_says_that_forces_are_in_another_unit(batch):
     path = next((batch / "fruits").glob("*/grasps/grasp-1.h5"))
     scale_force(path, 101.97)
-    ran = drupe("check", batch)
-    assert ran.status == 2
+    ran = drupe("check", batch, status=2)
     assert str(path) in ran.out
     assert "grams" in ran.out
 

@@ -1,11 +1,14 @@
-"""benchmarks/field_mistakes.py scores a mistake by the kind of what is said of it: causes are told apart."""
+"""Mistakes of the field: in table, page and exit status, and scored by the kind of what is said of them."""
 
+import json
 import tomllib
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from field_list import MISTAKES, naming
 from field_mistakes import E_range_MPa
+from sample_batches import drupe, first_fruit, ready_batch, scale_force
 
 from pipeline.fruit.input_doubts import Doubt, PitKind
 from tactile.consistency.finding import Finding, FindingKind
@@ -62,3 +65,26 @@ def test_moduli_are_judged_by_the_range_that_the_product_has(category):
         (ROOT / "recon" / "pit" / "priors" / f"{category}.toml").read_text(encoding="utf-8")
     )
     assert E_range_MPa(category) == tuple(prior["plausible"]["E_MPa"])
+
+
+@pytest.mark.slow
+def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
+    batch = ready_batch(tmp_path / "batch", 1)
+    grasp = first_fruit(batch) / "grasps" / "grasp-1.h5"
+    scale_force(grasp, 1.25)
+    drupe("grade", "--no-screen", batch, "--jobs", 1, status=4)
+    row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
+    assert "both pads' force is 1.2" in row.doubts
+    assert row.doubts in row.warnings
+    assert 0.14 < row.E_sd_MPa / row.E_MPa < 0.2
+    page = (batch / "results" / "report.html").read_text()
+    assert "Graded, but in doubt: 1 of 1" in page
+    assert "E is in doubt:" in page
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 4
+    scale_force(grasp, 101.97 / 1.25)
+    drupe("grade", "--no-screen", batch, "--jobs", 1, status=3)
+    row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
+    assert row.outcome == "implausible-recording"
+    assert row.reason.startswith("grasp-1.h5: both pads' force is 10")
+    assert "Cause: forces look like grams" in row.reason
+    assert pd.isna(row.E_MPa)

@@ -44,8 +44,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert len(finished) == 1
     assert not (batch / "results" / "ranking.csv").exists()
 
-    again = drupe("grade", "--no-screen", batch)
-    assert again.status == 0
+    again = drupe("grade", "--no-screen", batch, status=0)
     assert "1 of 2 fruit unchanged" in again.err
     after = record_times(batch)
     assert {name: after[name] for name in finished} == finished
@@ -60,9 +59,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert ": screen" not in again.err
     assert first_ranking[["screen", "mismatch"]].isna().all(axis=None)
 
-    unchanged = drupe("grade", "--no-screen", batch)
-    assert unchanged.status == 0
-    assert "2 of 2 fruit unchanged" in unchanged.err
+    assert "2 of 2 fruit unchanged" in drupe("grade", "--no-screen", batch, status=0).err
     assert record_times(batch) == after
 
     (interrupted,) = first_ranking.index.difference(list(finished))
@@ -71,8 +68,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     grasp.rename(grasp.with_name("renamed.h5"))
     with (batch / "batch.toml").open("a") as file:
         file.write('[[grading.classes]]\nname = "all"\n')
-    changed = drupe("grade", "--no-screen", batch)
-    assert "1 of 2 fruit unchanged" in changed.err
+    assert "1 of 2 fruit unchanged" in drupe("grade", "--no-screen", batch).err
     ranking = pd.read_csv(batch / "results" / "ranking.csv", index_col="fruit_id")
     assert set(ranking["maturity"]) == {"all"}
     assert ranking.loc[interrupted, "E_MPa"] == pytest.approx(

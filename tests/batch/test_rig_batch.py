@@ -69,8 +69,7 @@ def test_the_rig_of_jaws_that_give_way_makes_E_right(true_and_rid_of_the_rig):
     (true, _), (rid, record), _ = true_and_rid_of_the_rig
     E = true.E_MPa
     assert rid.E_MPa == pytest.approx(E, rel=0.01)
-    part = record["modulus"]["parts_sd_MPa"]["confirmed effects"]
-    assert 0.001 * E < part < 0.2 * E
+    assert 0.001 * E < record["modulus"]["parts_sd_MPa"]["confirmed effects"] < 0.2 * E
 
 
 @pytest.mark.proof
@@ -89,17 +88,14 @@ def test_a_fruit_within_the_rigs_spread_is_said_to_be(true_and_rid_of_the_rig, t
     vague = tmp_path / "vague"
     shutil.copytree(batch, vague)
     write_rig(vague, share=0.9)
-    ran = drupe("check", vague)
-    assert ran.status == 4
+    ran = drupe("check", vague, status=4)
     assert "it is too stiff for this rig, and E is a lower bound" in ran.out + ran.err
     row, _ = graded_alone(vague, tmp_path / "out", "--no-screen")
     assert "E is a lower bound" in row.doubts
     assert row.E_sd_MPa > 0.3 * row.E_MPa
     write_rig(vague, share=0.05, largest_N=3.0)
-    ran = drupe("check", vague)
-    assert ran.status == 2
+    ran = drupe("check", vague, status=2)
     assert "the rig calibration ends at 3 N, expected at most 1.25 times that" in ran.out + ran.err
     (vague / "rig.toml").write_text("format = 3\n")
-    ran = drupe("check", vague)
-    assert ran.status == 2
+    ran = drupe("check", vague, status=2)
     assert '"rig": rig.toml: format' in ran.out + ran.err

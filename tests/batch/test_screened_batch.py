@@ -35,7 +35,7 @@ def graded(folder, count):
 
 @pytest.mark.proof
 def test_the_pad_is_at_fault_in_the_whole_batch_and_that_is_said_once(tmp_path):
-    """On numbers alone: tests/pipeline/test_batch_faults.py."""
+    """On numbers alone: tests/pipeline/test_doubts.py."""
     batch, done = graded(tmp_path / "batch", FRUIT)
     (fault,) = json.loads((batch / "results" / "batch.json").read_text())["faults"]
     assert (fault["effect"], fault["fruit"]) == ("sensor_gain", FRUIT)

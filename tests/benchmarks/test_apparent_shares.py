@@ -1,4 +1,4 @@
-"""The model error's shares against known amounts and closed forms."""
+"""The model error's shares and bounds of amounts, against known amounts and closed forms."""
 
 import csv
 from datetime import date
@@ -15,6 +15,7 @@ from apparent_shares import (
     model_error_of,
     null_cases,
 )
+from cramer_rao import amplitude_bounds
 from mismatch_scores import usual_misfit
 from scipy.stats import multivariate_normal
 from synthetic_problem import problem
@@ -54,8 +55,7 @@ def test_a_known_share_is_measured_noise_removed():
 
 def test_noise_alone_leaves_hardly_any_share():
     """The noise of one amount is a share of 0.01."""
-    cases = list(drawn(0.0, count=500, information=(0.01 * 0.8) ** -2))
-    assert model_error_of(cases)["skin"] < 0.005
+    assert model_error_of(list(drawn(0.0, count=500, information=(0.01 * 0.8) ** -2)))["skin"] < 0.005
 
 
 def test_an_error_is_not_counted_again_by_an_effect_that_resembles_it():
@@ -165,3 +165,27 @@ def test_usual_misfit_of_drawn_fruit_has_their_freedom():
     rng = np.random.default_rng(2)
     cases = [(f"f-{k}", 0.04 * x / 12) for k, x in enumerate(rng.chisquare(12, size=4000))]
     assert usual_misfit(cases) == pytest.approx((0.04, 12), rel=0.05)
+
+
+def information(case):
+    """Of products whose numbers have a variance of one."""
+    return sum(products[1:, 1:] for products in case.products)
+
+
+def test_the_bound_is_that_of_independent_columns():
+    """Information of a column of n numbers of variance one: n."""
+    case = problem({}, numbers=2000)
+    assert amplitude_bounds(information(case), case, E_MPa=0.5)["graded_modulus"] == pytest.approx(
+        1 / np.sqrt(4 * 2000), rel=0.03
+    )
+
+
+def test_the_bound_is_the_scatter_of_unbiased_estimates():
+    fits = [
+        problem({"clock_lag": 0.2}, seed=seed, numbers=60).gram().fit([1, 2, 3, 4, 5]) for seed in range(150)
+    ]
+    scatter = np.std([fit.amounts[4] for fit in fits])
+    case = problem({}, numbers=60)
+    assert scatter == pytest.approx(
+        amplitude_bounds(information(case), case, E_MPa=0.5)["clock_lag"], rel=0.15
+    )

@@ -53,8 +53,7 @@ def test_there_are_cases():
 @pytest.mark.parametrize("name", CASES)
 def test_a_case_replays_to_the_gains_it_had(name):
     case = stored(CASES[name])
-    gains = gains_of(case.linear())
-    assert gains == pytest.approx(case.facts["gains"], **REPLAYED)
+    assert gains_of(case.linear()) == pytest.approx(case.facts["gains"], **REPLAYED)
 
 
 def test_cases_without_a_clear_effect_are_the_known_ones():
@@ -108,8 +107,7 @@ def test_a_problem_is_read_as_it_was_written(tmp_path):
 def test_model_error_enters_as_copies_of_signature_columns_with_the_shipped_spread(tmp_path):
     """A case of two effects' columns by hand: with a prior of sd s on a copy, the signature's information N
     becomes N / (1 + N s^2) (Woodbury)."""
-    case = problem({"skin": 0.4}, recordings=1)
-    again = case.with_shipped_model_error()
+    again = problem({"skin": 0.4}, recordings=1).with_shipped_model_error()
     store(tmp_path / "x.npz", again)
     assert stored(tmp_path / "x.npz").columns == again.columns
     errors = [column for column in again.columns if column["role"] == OF_MODEL_ERROR]

@@ -1,6 +1,7 @@
 """Large deformation against closed forms, against the linear limit, and against itself turned round."""
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate, skin_quadrature
 from fem.mesh.tetrahedra import boundary_faces
+from fem.solid.anderson import Anderson
+from fem.solid.equilibrium import Ending, equilibrium
 from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.finite_strain_balance import rigid_fit
 from fem.solid.finite_strain_elements import FiniteFlesh
@@ -68,22 +71,19 @@ def test_an_even_strain_is_in_balance_on_any_mesh():
     mesh = cube_flesh(3, uneven=0.3, bulge=0.05)
     F = np.eye(3) + np.array([[0.3, 0.4, -0.1], [0.0, -0.2, 0.2], [0.1, -0.3, 0.15]])
     flesh = FiniteFlesh.of(mesh, LAW)
-    moved = mesh.nodes_mm @ (F - np.eye(3)).T
-    force = flesh.force_N(moved)
+    force = flesh.force_N(mesh.nodes_mm @ (F - np.eye(3)).T)
     inside = np.setdiff1d(np.arange(len(force)), on_cube_surface(mesh.nodes_mm))
     assert np.abs(force[inside]).max() < 1e-13
     right = mesh.nodes_mm[:, 0] > 1 - 1e-9
     assert np.abs(force[right].sum(axis=0)).max() > 0.01
     # the faces across x carry P's first column
-    virtual = np.einsum("ni,nj->ij", force, mesh.nodes_mm)
-    assert np.abs(virtual - LAW.stress(F[None])[0]).max() < 1e-12
+    assert np.abs(np.einsum("ni,nj->ij", force, mesh.nodes_mm) - LAW.stress(F[None])[0]).max() < 1e-12
 
 
 def test_stiffness_is_symmetric_and_the_derivative_of_nodal_forces():
     mesh = cube_flesh(2, uneven=0.2, bulge=0.03)
     flesh = FiniteFlesh.of(mesh, LAW)
-    rng = np.random.default_rng(0)
-    moved, way = 0.03 * rng.normal(size=(2, *mesh.nodes_mm.shape))
+    moved, way = 0.03 * np.random.default_rng(0).normal(size=(2, *mesh.nodes_mm.shape))
     stiffness = flesh.stiffness(moved)
     assert abs(stiffness - stiffness.T).max() < 1e-12  # the forces have a potential
     off = []
@@ -153,11 +153,9 @@ def test_the_pit_keeps_its_shape_however_far_it_turns(free, small_fruit, pinch):
     arms = small_fruit.nodes_mm[nodes] - small_fruit.nodes_mm[nodes].mean(axis=0)
     couple = np.zeros_like(pinch)
     couple[0, nodes] = np.cross([0.0, 0.0, 400.0], arms) / (arms[:, :2] ** 2).sum()
-    moved = free.displacement(pinch + couple)[0]
-    now = small_fruit.nodes_mm[nodes] + moved[nodes]
+    now = small_fruit.nodes_mm[nodes] + free.displacement(pinch + couple)[0][nodes]
     now -= now.mean(axis=0)
-    turn = Rotation.align_vectors(now, arms)[0]
-    assert turn.magnitude() > np.radians(5)
+    assert Rotation.align_vectors(now, arms)[0].magnitude() > np.radians(5)
     assert np.abs(np.linalg.norm(now, axis=1) - np.linalg.norm(arms, axis=1)).max() < 1e-12
 
 
@@ -188,8 +186,7 @@ def test_newton_doubles_the_digits_with_one_analysis_and_chord_steps_agree(free,
     balance = FiniteStrainSolid(solid=free.solid, law=free.law).rest.under(load[0])
     state, sizes = balance.state(np.zeros_like(load[0])), [1.0]
     while sizes[-1] > 1e-11 and len(sizes) < 8:
-        step = balance.tangent(state).solve(balance.residual(state))
-        state = balance.moved(state, -step, 1.0)
+        state = balance.moved(state, -balance.tangent(state).solve(balance.residual(state)), 1.0)
         sizes.append(balance.size(balance.residual(state)))
     late = np.log([s for s in sizes if 1e-13 < s < 0.2])
     assert len(late) >= 3
@@ -205,8 +202,7 @@ def test_any_start_leads_to_the_same_place(free, pinch):
     wild = free.displacement(pinch, start=3 * free.solid.displacement(pinch))
     assert np.abs(wild - good).max() < 1e-6
     with_noise = good + 0.05 * np.random.default_rng(0).normal(size=good.shape)
-    again = free.displacement(pinch, start=with_noise)
-    assert np.abs(again - good).max() < 1e-6
+    assert np.abs(free.displacement(pinch, start=with_noise) - good).max() < 1e-6
 
 
 def test_a_fruit_and_its_load_turned_together_move_alike(free, small_fruit, pinch):
@@ -276,8 +272,7 @@ def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
     assert rms(solved) < 0.005
     assert rms(solid.displacement(load)) > 0.09
     # the ball turns by 3.35 degrees: eight points of its surface follow
-    arms = mesh.nodes_mm[mesh.pit_nodes] - 10
-    shift, turn = rigid_fit(arms, solved[0, mesh.pit_nodes])
+    shift, turn = rigid_fit(mesh.nodes_mm[mesh.pit_nodes] - 10, solved[0, mesh.pit_nodes])
     assert np.degrees(Rotation.from_matrix(turn).magnitude()) == pytest.approx(3.35, rel=0.015)
     start, moved = truth[~top, :3] - 10, truth[~top, 3:]
     off = shift + start @ (turn - np.eye(3)).T - moved
@@ -299,3 +294,174 @@ def test_nearly_incompressible_flesh_does_not_lock_at_its_many_points():
         assert np.abs(solved).max() > 1.9
         work.append((load * solved).sum())
     assert work[1] == pytest.approx(work[0], rel=1e-3)
+
+
+@dataclass
+class Dense:
+    """A dense matrix as a tangent."""
+
+    matrix: np.ndarray
+
+    def solve(self, residual):
+        return np.linalg.solve(self.matrix, residual)
+
+
+@dataclass
+class Spring:
+    """Forces `force(x)` that must vanish, NaN beyond |x| = limit; counts its residuals."""
+
+    force: object
+    slope: object
+    n: int
+    limit: float = np.inf
+    calls: int = 0
+
+    @property
+    def primal(self):
+        return self.n
+
+    def residual(self, x):
+        self.calls += 1
+        return np.where(np.abs(x) < self.limit, self.force(x), np.nan)
+
+    def size(self, residual):
+        return float(np.linalg.norm(residual))
+
+    def moved(self, x, step, share):
+        return x + share * step
+
+    def tangent(self, x):
+        matrix = self.slope(x)
+        if np.linalg.eigvalsh(matrix).min() <= 0:
+            raise FemFailure(FemProblem.SINGULAR_STIFFNESS, "not positive definite")
+        return Dense(matrix)
+
+
+def arctan():
+    return Spring(np.arctan, lambda x: np.diag(1 / (1 + x**2)), 1)
+
+
+def stiffening(n=30):
+    """A chain of springs, each stiffer the longer it is, pulled unevenly."""
+    rng = np.random.default_rng(0)
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    pull = rng.uniform(0.1, 0.3, n)
+    return Spring(lambda x: chain @ x + 0.05 * x**3 - pull, lambda x: chain + np.diag(0.15 * x**2), n)
+
+
+def search(problem, *, start=None, tolerance=1e-12, iterations=20, tangent=None):
+    """From zero on, unless from elsewhere."""
+    at = np.zeros(problem.primal) if start is None else np.array([start])
+    return equilibrium(problem, at, tolerance=tolerance, iterations=iterations, tangent=tangent)
+
+
+def test_a_line_search_saves_a_start_from_which_plain_newton_flies_away():
+    problem, x = arctan(), 3.0
+    for _ in range(4):  # plain Newton, as the textbook has it
+        x -= np.arctan(x) * (1 + x**2)
+    assert abs(x) > 1e6
+    solved = search(problem, start=3.0, iterations=30)
+    assert solved.ending is Ending.CONVERGED
+    assert abs(solved.state[0]) < 1e-12
+
+
+def test_states_that_no_matter_can_take_are_stepped_back_from():
+    problem = Spring(np.arctan, lambda x: np.diag(1 / (1 + x**2)), 1, limit=3.5)
+    assert search(problem, start=3.0, iterations=40).ending is Ending.CONVERGED
+
+
+def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
+    problem = stiffening()
+    newton = np.zeros(30)
+    for _ in range(60):
+        newton = newton - problem.tangent(newton).solve(problem.residual(newton))
+    first = problem.tangent(np.ones(30))
+    before = problem.calls
+    chord = search(problem, iterations=60, tangent=first)
+    taken = problem.calls - before
+    assert chord.ending is Ending.CONVERGED
+    assert chord.tangent is first
+    assert np.abs(chord.state - newton).max() < 1e-10
+    x, plain = np.zeros(30), 0
+    while problem.size(problem.residual(x)) > 1e-12 and plain < 200:
+        x, plain = x - first.solve(problem.residual(x)), plain + 1
+    assert taken < plain
+
+
+def test_a_factor_that_serves_no_more_is_renewed():
+    problem = Spring(lambda x: x + x**3 - 40.0, lambda x: np.diag(1 + 3 * x**2), 1)
+    poor = Dense(np.array([[200.0]]))
+    solved = search(problem, tolerance=1e-13, iterations=60, tangent=poor)
+    assert solved.ending is Ending.CONVERGED
+    assert solved.state[0] + solved.state[0] ** 3 == pytest.approx(40.0, rel=1e-12)
+
+
+def test_what_did_not_converge_says_how():
+    assert search(stiffening(), iterations=2).ending is Ending.TOO_MANY
+    hill = Spring(lambda x: -x + 1.0, lambda x: -np.eye(1), 1)
+    assert search(hill, iterations=9).ending is Ending.STALLED
+
+
+def test_nothing_is_done_where_all_is_in_balance():
+    problem = arctan()
+    assert search(problem, iterations=5).ending is Ending.CONVERGED
+    assert problem.calls == 1
+
+
+def iterates(f, x, count, acceleration):
+    """x and what `count` accelerated steps make of it."""
+    states = [x]
+    for _ in range(count):
+        step = acceleration.step(f(x))
+        acceleration.took(step)
+        x = x + step
+        states.append(x)
+    return states
+
+
+def linear(n, seed=0):
+    """f(x) = b - A x with its zero, to which every eigenvector adds; plain steps diverge."""
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(n, n)))[0]
+    A = turn @ np.diag(np.geomspace(0.3, 4.0, n)) @ turn.T
+    b = turn @ np.ones(n)
+    return A, b, np.linalg.solve(A, b)
+
+
+def test_in_a_linear_problem_every_step_is_that_of_gmres_with_a_plain_one_after_it():
+    """Walker and Ni 2011, theorem 2.2: from 0 on, GMRES has the least residual over b, A b, A A b ..."""
+    n = 6
+    A, b, _ = linear(n)
+    states = iterates(lambda x: b - A @ x, np.zeros(n), n, Anderson(n))
+    krylov = b[:, None]
+    for k in range(1, n):
+        gmres = krylov @ np.linalg.lstsq(A @ krylov, b, rcond=None)[0]
+        np.testing.assert_allclose(states[k + 1], gmres + (b - A @ gmres), atol=1e-4)
+        krylov = np.column_stack([krylov, A @ krylov[:, -1]])
+
+
+def test_with_one_unknown_it_is_the_secant_method():
+    def f(x):
+        return np.cos(x) - x
+
+    states = np.concatenate(iterates(f, np.array([0.3]), 6, Anderson(1)))
+    for a, b, c in zip(states[:4], states[1:5], states[2:6], strict=True):
+        assert c == pytest.approx(b - f(b) * (b - a) / (f(b) - f(a)), rel=1e-6)
+    assert states[6] == pytest.approx(0.7390851332151607, abs=1e-9)  # Dottie's number
+
+
+def test_groups_have_a_mix_each_and_one_group_has_one_for_all():
+    """Two unknowns that know nothing of each other: on its own each is met by the secant in two steps."""
+    slope = np.array([[0.5], [1.7]])
+    apart = iterates(lambda x: 1 - slope * x, np.zeros((2, 1)), 2, Anderson(1, weighed=lambda step: step))
+    together = iterates(lambda x: 1 - slope * x, np.zeros((2, 1)), 2, Anderson(1))
+    assert np.abs(apart[2] - 1 / slope).max() < 1e-6
+    assert np.abs(together[2] - 1 / slope).max() > 0.05
+
+
+def test_only_what_is_weighed_decides_the_mix():
+    """The mix is that of the first unknown alone; the second moves by it, and is no nearer its own zero."""
+    slope = np.array([0.5, 1.7])
+    first = Anderson(1, weighed=lambda step: step[None, :1])
+    states = iterates(lambda x: 1 - slope * x, np.zeros(2), 2, first)
+    assert states[2][0] == pytest.approx(2.0, abs=1e-6)
+    assert abs(states[2][1] - 1 / 1.7) > 0.05

@@ -8,10 +8,17 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.ball import Ball
-from fem.indentation.contact_law import linear_law
+from fem.indentation.compressed_cylinder import Cylinder
+from fem.indentation.contact_law import Law, linear_law
 from fem.indentation.explain_trace import BACK, IN_AIR, SLOWER, explain_trace, next_press
-from fem.indentation.explanations import shows_drift
-from fem.indentation.trace import IndenterTrace, joined
+from fem.indentation.explanations import forms_of, posterior, shows_drift
+from fem.indentation.fit import SHARE, from_prior
+from fem.indentation.no_contact import pooled_noise
+from fem.indentation.trace import IndenterTrace, before_rupture, joined
+from fem.indentation.trace_effect import TraceEffect, Unknown, unknown
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.result import mixture
+from fem.mismatch.selection.decision import MISFIT, Weighed, probabilities
 
 E_MPa, RADIUS = 0.3, 20.0
 
@@ -309,3 +316,168 @@ def test_a_joined_trace_has_each_recordings_force_and_phases():
     assert force[whole.slices[1]] == pytest.approx(second_force)
     assert whole.phases == tuple(phase for part in parts for phase in part.phases)
     assert (np.diff(whole.time_s) > 0).all()
+
+
+TIME_S = np.linspace(0.0, 8.0, 60)
+NOISE_N = 1e-3 * np.random.default_rng(0).standard_normal(60)
+TRAVEL_MM = 0.1 * TIME_S - 0.1
+TRACE = IndenterTrace(
+    time_s=TIME_S,
+    force_N=np.maximum(TRAVEL_MM, 0) ** 1.5 + NOISE_N,
+    travel_mm=TRAVEL_MM,
+    geometry=Ball(radius_mm=5.0),
+)
+
+HELD_S = np.linspace(0.0, 24.0, 97)
+HELD_MM = np.interp(HELD_S, [0, 1, 8, 16, 23, 24], [-0.1, 0, 0.7, 0.7, 0, -0.1])
+HELD = replace(TRACE, time_s=HELD_S, travel_mm=HELD_MM, force_N=np.maximum(HELD_MM, 0) ** 1.5)
+"""With a hold and an unloading, in which damage, plastic set and relaxation show."""
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A fit by its effects and log evidence; E of 1 MPa times `E`; so much of the force left."""
+    plain = linear_law(TRACE, thickness_mm=None, poisson_ratio=0.45)
+    known = from_prior(plain, TRACE, pooled_noise(TRACE))
+
+    def fit(log_evidence, *names, E=1.0, share=SHARE):
+        scale = Unknown(name="x", unit="1", scale="log", mean=0.0, sd=1.0)
+        effects = tuple(TraceEffect(name=name, unknowns=(scale,)) for name in names)
+        scaled = np.concatenate([[np.log(E)], known.scaled[1:], np.zeros(len(names))])
+        return replace(
+            known,
+            law=Law(curve=plain.curve, baseline=plain.baseline, effects=effects),
+            scaled=scaled,
+            covariance=1e-4 * np.eye(len(scaled)),
+            log_evidence=log_evidence,
+            share=share,
+        )
+
+    return fit
+
+
+def test_probabilities_are_those_of_grasps(fitted):
+    """Forms count by their mean, the misfit as the square of the share that is left."""
+    fits = [fitted(1.0, share=4 * SHARE), fitted(9.0, "slip"), fitted(7.0, "slip"), fitted(2.0, "skin")]
+    mean = np.log((np.exp(9.0) + np.exp(7.0)) / 2)
+    expected, unknown_ = probabilities(
+        [
+            Weighed(name="none", gain=0.0, misfit=16 * MISFIT),
+            Weighed(name="slip", gain=mean - 1.0, misfit=MISFIT),
+            Weighed(name="skin", gain=1.0, misfit=MISFIT),
+        ],
+        temperature=1.0,
+    )
+    answer = posterior(fits)
+    posterior_probabilities = [answer.probability[name] for name in ("none", "slip", "skin")]
+    assert posterior_probabilities == pytest.approx(expected.tolist())
+    assert answer.probability["unknown"] == pytest.approx(unknown_)
+    assert answer.weights[1] / answer.weights[2] == pytest.approx(np.exp(2.0))
+
+
+def test_evidence_and_misfit_each_detect_a_mismatch(fitted):
+    nothing = posterior([fitted(0.0), fitted(0.0, "slip")])
+    assert nothing.detection.p_value > 0.05
+    assert nothing.verdict == "none"
+    listed = posterior([fitted(0.0), fitted(1.0, "slip")])
+    assert listed.verdict == ("slip", "none")
+    assert not listed.detected
+    speaks = posterior([fitted(0.0), fitted(12.0, "slip")])
+    assert speaks.detected
+    assert speaks.detection.p_values["effects"] == pytest.approx(np.exp(-12.0))
+    assert speaks.verdict == "slip"
+    left = posterior([fitted(0.0, share=0.2), fitted(0.0, "slip", share=0.2)])
+    assert left.detection.p_values["misfit"] < 1e-6
+    assert "unknown" in left.verdict
+
+
+def test_E_is_the_mixture_over_forms(fitted):
+    answer = posterior([fitted(0.0), fitted(30.0, "slip", E=1.0), fitted(30.0, "slip", E=3.0)])
+    modulus = answer.candidate("slip").modulus
+    assert modulus == mixture([1, 1], [fitted(0.0, E=E).modulus for E in (1.0, 3.0)])
+    assert modulus.value == pytest.approx(2.0, rel=1e-3)
+
+
+def test_the_force_is_that_of_the_laws_that_the_verdict_names(fitted):
+    answer = posterior([fitted(0.0), fitted(20.0, "slip", E=2.0)])
+    slip = answer.best["slip"]
+    assert answer.force_N(TRACE) == pytest.approx(slip.law.force_N(TRACE, slip.scaled[None])[0])
+
+
+PLATES = replace(
+    HELD,
+    travel_mm=15 * HELD_MM,
+    force_N=20 * HELD.force_N,
+    geometry=Cylinder(diameter_mm=50.0, height_mm=30.0, ends="bonded"),
+)
+
+
+@pytest.mark.parametrize(
+    ("trace", "name"), [(trace, name) for trace in (HELD, PLATES) for name in forms_of(trace)]
+)
+def test_every_form_is_an_effect_of_the_catalogue_and_changes_the_force(trace, name):
+    plain = linear_law(trace, thickness_mm=None, poisson_ratio=0.45)
+    for form in forms_of(trace)[name]:
+        assert form.name == SPECS[name].name
+        law = Law(curve=plain.curve, baseline=plain.baseline, effects=(form,))
+        scaled = np.array([[u.mean + side * u.sd for u in law.unknowns] for side in (-1, 1)])
+        bare = plain.force_N(trace, scaled[:, : len(plain.unknowns)])
+        assert np.abs(law.force_N(trace, scaled) - bare).max() > 1e-4 * np.abs(bare).max()
+        if form.parameters is None and isinstance(trace.geometry, Ball):
+            for form_unknown in form.unknowns:
+                assert form_unknown.unit == SPECS[name].parameter(form_unknown.name).unit
+
+
+def test_a_parameter_that_the_effect_does_not_have_is_refused():
+    with pytest.raises(KeyError, match="mu"):
+        unknown(SPECS["damage"], "mu", scale="log", mean=0.0, sd=1.0)
+
+
+def rupture(time, force, travel, *, noise_N=0.003):
+    trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=RADIUS_MM))
+    return before_rupture(trace, noise_N=noise_N)[1]
+
+
+def hertz_press(rate_hz=25.0):
+    time = np.arange(0, 7, 1 / rate_hz)
+    travel = 0.8 * np.maximum(time - 0.2, 0) / 6
+    noise = 0.003 * np.random.default_rng(6).standard_normal(len(time))
+    return time, 2 * travel**1.5 + noise, travel
+
+
+@pytest.mark.parametrize(
+    "pressing",
+    [
+        {"g": (0.7,), "tau_s": (0.2,), "press": Press(ramp_s=1.0, rate_hz=20.0)},
+        {"g": (0.4,), "tau_s": (5.0,), "press": Press(ramp_s=0.5, rate_hz=50.0)},
+        {"law": "plastic_set yield_over_E=0.05", "press": Press(rate_hz=20.0)},
+        {"law": "damage dmax=0.5 W0_over_E=0.01", "press": Press(rate_hz=20.0)},
+        {"noise_N": 0.1, "press": Press(rate_hz=20.0)},
+    ],
+)
+def test_no_relaxation_and_no_way_back_is_taken_for_a_rupture(pressing):
+    for seed in range(5):
+        columns = injected(np.random.default_rng(seed), **pressing)
+        assert rupture(*columns, noise_N=pressing.get("noise_N", 0.002)) == ""
+
+
+@pytest.mark.parametrize("late", [1, 2])
+def test_a_quick_way_back_whose_travel_is_read_late_is_no_rupture(late):
+    time = np.arange(0, 12, 0.04)
+    travel = np.interp(time, [0, 8, 8.8, 12], [0, 0.8, 0, 0])
+    noise = 0.003 * np.random.default_rng(6).standard_normal(len(time))
+    read = np.r_[np.full(late, travel[0]), travel[:-late]]
+    assert rupture(time, 2 * travel**1.5 + noise, read) == ""
+
+
+@pytest.mark.parametrize("factor", [0.4, 1.8])
+def test_one_frame_that_reads_low_or_high_is_no_rupture(factor):
+    time, force, travel = hertz_press()
+    force[120] *= factor
+    assert rupture(time, force, travel) == ""
+
+
+def test_a_rupture_at_once_leaves_too_little_and_says_so():
+    time, force, travel = hertz_press(rate_hz=10.0)
+    with pytest.raises(FemFailure, match=r"found a rupture after \d+ frames .* at least 20 before it"):
+        rupture(time, force * np.where(time > 1.7, 0.3, 1.0), travel)

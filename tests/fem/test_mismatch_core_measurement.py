@@ -1,9 +1,12 @@
-"""What belongs to sensors and machines: put into recordings by its definition, and found again."""
+"""What belongs to sensors, machines and contacts: put into recordings by its definition, and found again."""
 
 from dataclasses import fields, replace
+from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from coarse_fruit import NU, fruit_mesh
 from injected_mismatch import (
     E_MPA,
     FLAT,
@@ -18,20 +21,38 @@ from injected_mismatch import (
     only_grasp,
 )
 from jaxtyping import Float
+from pinched_case_model import COMPLIANCE, in_full, model_of
 from plain_model import case_model, screened_effects
 
+from fem.estimation.compliance_fit import rigid_motion
+from fem.estimation.zero_drift import REMEMBERED, zero_drift
 from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
-from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
+from fem.mismatch.effects import (
+    clock_lag,
+    gripper_compliance,
+    pit_offset,
+    pit_size,
+    pose_error,
+    sensor_drift,
+    sensor_gain,
+)
 from fem.mismatch.effects.pose_error import NAMES
+from fem.mismatch.effects.slip import LEVEL_MM, slip_path
+from fem.mismatch.evidence.friction_cone import ShearRatios
 from fem.mismatch.kinds.moved_markers import MovedMarkers
+from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import BalanceEquations
+from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NINETY
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.signature_variant import Variant, of_pad
+from fem.mismatch.signature_variant import ONE_WAY, Variant, of_pad
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.moved_pit import with_pit_moved
 
 AIR_S = TIME_S[:3].mean()
 
@@ -158,8 +179,7 @@ class Overshooting(MovedMarkers):
 def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothing():
     plain = gripper_compliance.EFFECT
     overshooting = Overshooting(**{field.name: getattr(plain, field.name) for field in fields(plain)})
-    given = refitted(overshooting, given_way(0.4))[0]["mm_per_N"]
-    assert given == pytest.approx(0.4, abs=0.06)
+    assert refitted(overshooting, given_way(0.4))[0]["mm_per_N"] == pytest.approx(0.4, abs=0.06)
 
 
 def rms(field: np.ndarray) -> float:
@@ -255,8 +275,7 @@ def test_the_weight_of_an_unaltered_fruit_starts_no_search_for_a_tilt():
 
     model, _ = case_model(injected_case(weighs, noise=0.0))
     for pad in ("left", "right"):
-        start = pose_error.EFFECT.other_start(model, of_pad(pad))
-        assert abs(start["tilt_deg"]) < 1.0
+        assert abs(pose_error.EFFECT.other_start(model, of_pad(pad))["tilt_deg"]) < 1.0
 
 
 def test_equal_gains_of_both_pads_leave_forces_that_do_not_balance_as_they_are():
@@ -269,3 +288,235 @@ def test_equal_gains_of_both_pads_leave_forces_that_do_not_balance_as_they_are()
         np.testing.assert_allclose(sums[0] + sums[1], 0.0, atol=1e-9 * np.abs(recorded).max())
         ahead = sensor_gain.EFFECT.respond(model, {"gain": 1 + 1e-5}, left.variant).balance[number]
         np.testing.assert_allclose(ahead / 1e-5, sums[0], atol=1e-3 * np.abs(sums[0]).max())
+
+
+SPRING_RATIO = 0.25
+DEPTH_MM = 0.1
+STEP_MM = 0.02
+
+
+def dragged(skin_mm: np.ndarray, mu: float) -> tuple[SimpleNamespace, np.ndarray]:
+    """One marker pressed in evenly, whose skin is dragged along x; and where Coulomb's law leaves the gel."""
+    bound = mu / SPRING_RATIO * DEPTH_MM
+    gel, slid = np.zeros(len(skin_mm)), 0.0
+    for frame, skin in enumerate(skin_mm):
+        gel[frame] = np.clip(skin - slid, -bound, bound)
+        slid = skin - gel[frame]
+    moved = np.column_stack([gel, np.zeros_like(gel), np.full_like(gel, -DEPTH_MM)])[:, None]
+    plain = np.column_stack([skin_mm, np.zeros_like(gel), np.full_like(gel, -DEPTH_MM)])[:, None]
+    tracks = SimpleNamespace(
+        position_mm=moved,
+        place_mm=np.zeros((1, 3)),
+        gel_displacement_mm=moved,
+        unit_displacement=plain,
+        episode=np.zeros((len(gel), 1), dtype=np.int64),
+        sd_mm=np.array([0.004]),
+    )
+    pose = np.tile(np.eye(4), (1, len(gel), 1, 1))
+    recording = SimpleNamespace(tracks=tracks, pose=pose, pad_of_marker=np.array([0]))
+    return recording, skin_mm - gel
+
+
+def path_of(recording: SimpleNamespace, mu: float) -> np.ndarray:
+    """With equations that leave every field as it is: the skin is where the plain model says."""
+    equations = SimpleNamespace(residual=lambda field: field)
+    ratio = np.array([SPRING_RATIO])
+    return slip_path(recording, equations, compliance=1.0, mu=mu, spring_ratio=ratio)[:, 0, 0]
+
+
+def test_a_skin_dragged_forth_and_back_slides_as_coulomb_says():
+    out = np.arange(0, 0.2, STEP_MM)
+    recording, slid = dragged(np.concatenate([out, out[::-1]]), 0.2)
+    assert slid.max() > 0.08
+    assert path_of(recording, 0.2) == pytest.approx(slid, abs=1e-12)
+
+
+def test_nothing_slides_where_friction_is_high():
+    recording, slid = dragged(np.arange(0, 0.2, STEP_MM), 0.8)
+    assert (slid == 0).all()
+    assert (path_of(recording, 0.8) == 0).all()
+
+
+def test_a_shear_at_the_touch_within_its_own_error_is_no_slip():
+    bound = 0.05 / SPRING_RATIO * DEPTH_MM
+    recording, _ = dragged(np.full(6, bound + 0.9 * LEVEL_MM), 0.05)
+    assert (path_of(recording, 0.05) == 0).all()
+
+
+def markers(rng: np.random.Generator, mu: float, *, count: int = 400, frames: int = 10) -> ShearRatios:
+    """Ratios that fall off from zero, cut by the cone; 3 % noise."""
+    ratio = np.minimum(np.repeat(rng.exponential(0.06, size=count), frames), mu)
+    sd = 0.03 * np.maximum(ratio, 0.02)
+    return ShearRatios(
+        ratio=np.abs(ratio + sd * rng.normal(size=len(ratio))),
+        sd=sd,
+        marker=np.repeat(np.arange(count), frames),
+    )
+
+
+@pytest.mark.parametrize("mu", [0.08, 0.12])
+def test_markers_that_slip_pile_up_on_the_cone(mu):
+    ratios = markers(np.random.default_rng(1), mu)
+    tried = np.linspace(0.5 * mu, 2 * mu, 61)
+    ratio_of_mu = [ratios.log_ratio(x) for x in tried]
+    assert max(ratio_of_mu) > 10
+    assert tried[int(np.argmax(ratio_of_mu))] == pytest.approx(mu, rel=0.05)
+
+
+def test_a_smooth_distribution_is_no_cone():
+    for seed in range(20):
+        ratios = markers(np.random.default_rng(seed), np.inf)
+        assert max(ratios.log_ratio(mu) for mu in np.geomspace(0.05, 1.0, 40)) < 1
+
+
+@pytest.mark.parametrize(
+    ("seed", "spread", "sd", "of_each", "widest", "most"),
+    [(3, 0.05, 0.03, 10, 0.18, 0.0), (4, 0.06, 0.01, 1, 0.3, 1.0)],
+    ids=["ratios known no better than to themselves", "a broad top"],
+)
+def test_sizes_of_vectors_of_noise_are_no_cone(seed, spread, sd, of_each, widest, most):
+    """The size of a vector of noise is hardly ever near nothing."""
+    size = np.linalg.norm(np.random.default_rng(seed).normal(0, spread, (4000, 2)), axis=1)
+    marker = np.repeat(np.arange(4000 // of_each), of_each)
+    ratios = ShearRatios(ratio=size, sd=np.full(4000, sd), marker=marker)
+    assert max(ratios.pile_up(mu) for mu in np.geomspace(0.05, widest, 40)) <= most
+
+
+def test_markers_beyond_a_cone_refute_it():
+    ratios = markers(np.random.default_rng(2), 0.2)
+    assert ratios.loss(0.1) > 50
+    assert ratios.loss(0.2) < 1
+
+
+AFTER = 5
+
+
+def let_go(case: MismatchCase, newton_per_s: float) -> MismatchCase:
+    """One recording that goes on in the air, its right pad's sensor drifting from the first frame on."""
+    (grasp,) = only_grasp(case, 0).grasps
+    history = grasp.history
+    time = np.concatenate([history.time_s, history.time_s[-1] + 0.25 * np.arange(1, AFTER + 1)])
+    rng = np.random.default_rng(3)
+    pads = []
+    for pad, motion in zip(history.pads, grasp.pads, strict=True):
+        normal = motion.pose[0, :3, 2]
+        grown = newton_per_s * (time - AIR_S) / len(FLAT) * (pad.name == "right")
+        more = {
+            name: np.concatenate([getattr(pad, name), np.repeat(getattr(pad, name)[:1], AFTER, axis=0)])
+            for name in ("position_mm", "gel_displacement_mm", "force_N", "episode")
+        }
+        more["force_N"][-AFTER:] = pad.force_sd_N * rng.normal(size=more["force_N"][-AFTER:].shape)
+        more["force_N"] = more["force_N"] + grown[:, None, None] * normal
+        pads.append(replace(pad, **more))
+    motions = tuple(
+        replace(
+            motion,
+            pose=np.concatenate([motion.pose, np.repeat(motion.pose[:1], AFTER, axis=0)]),
+            normal_N=np.concatenate([motion.normal_N, np.zeros(AFTER)]),
+        )
+        for motion in grasp.pads
+    )
+    phase = (*history.phase, *("air",) * AFTER)
+    history = replace(history, time_s=time, phase=phase, pads=tuple(pads))
+    return replace(case, grasps=(replace(grasp, history=history, pads=motions),))
+
+
+def felt(history: GraspHistory, case: MismatchCase, pad: int):
+    return zero_drift(history, pad, case.grasps[0].pads[pad].pose[0, :3, 2])
+
+
+def test_a_drift_is_measured_in_the_air_on_its_own_pad_alone():
+    case = let_go(injected_case(on_pad("right", lambda pad: pad)), 0.05)
+    left, right = (felt(case.grasps[0].history, case, pad) for pad in (0, 1))
+    assert right.sure
+    assert right.rate_N_per_s == pytest.approx(0.05, abs=3 * right.sd_N_per_s)
+    assert not left.sure
+    assert abs(left.rate_N_per_s) < 3 * left.sd_N_per_s
+
+
+def test_what_a_gel_may_remember_is_no_drift():
+    case = let_go(injected_case(on_pad("right", lambda pad: pad)), 0.0)
+    history = case.grasps[0].history
+    right = history.pads[1]
+    peak = np.abs((right.force_N @ case.grasps[0].pads[1].pose[0, :3, 2]).sum(axis=1)).max()
+    kept = right.force_N.copy()
+    kept[-AFTER:] += REMEMBERED * peak / len(FLAT) * case.grasps[0].pads[1].pose[0, :3, 2]
+    assert not felt(replace(history, pads=(history.pads[0], replace(right, force_N=kept))), case, 1).sure
+
+
+def test_without_frames_after_the_contact_nothing_is_said():
+    case = only_grasp(injected_case(on_pad("right", lambda pad: pad)), 0)
+    assert felt(case.grasps[0].history, case, 1) is None
+
+
+def test_a_drift_that_markers_noise_hides_is_found_by_its_size_and_taken_out_of_the_modulus():
+    rate = 0.02  # half a millinewton on a marker at the end, half its noise
+    model, linear, again = linear_and_refitted(
+        let_go(injected_case(on_pad("right", lambda pad: pad)), rate), sensor_drift.EFFECT
+    )
+    assert again.variants == (of_pad("right"),)
+    assert again.parameters[0]["newton_per_s"] == pytest.approx(rate, rel=0.1)
+    assert linear.best[0].gain > 10
+    assert modulus_of(model, again.response).value == pytest.approx(E_MPA, rel=0.03)
+
+
+OFFSET = tuple(spec.name for spec in pit_offset.SPEC.searched)
+
+
+@cache
+def model() -> CaseModel:
+    return model_of()
+
+
+def solved(place: tuple[float, float, float, float]) -> np.ndarray:
+    """c(t) of the recording with the pit there, the mesh's nodes moved and everything anew."""
+    mesh = with_pit_moved(fruit_mesh(), np.array(place))
+    return in_full(model(), UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free"))
+
+
+def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:
+    return effect.respond(model(), dict(zip(names, values, strict=True)), ONE_WAY).unit[0]
+
+
+def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
+    """Exact for the first size that a search asks for, near it read off a curve; else exact."""
+    search = replace(model(), warm_starts=WarmStarts())
+    plain = model().grasps[0].tracks.unit_displacement
+    for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06)):
+        (response,) = pit_size.EFFECT.respond(search, {"scale": scale}, ONE_WAY).unit
+        expected = solved((0, 0, 0, np.log(scale)))
+        assert np.linalg.norm(response - expected) < tolerance * np.linalg.norm(expected - plain)
+
+
+def test_a_pit_elsewhere_answers_as_the_fruit_solved_with_it():
+    response = responded(pit_offset.EFFECT, OFFSET, (1.5, -1.0, 0.5))
+    expected = solved((1.5, -1.0, 0.5, 0.0))
+    plain = model().grasps[0].tracks.unit_displacement
+    assert np.linalg.norm(response - expected) < 1e-6 * np.linalg.norm(expected - plain)
+
+
+@pytest.mark.parametrize(("effect", "way"), [(pit_offset.EFFECT, 0), (pit_size.EFFECT, 3)])
+def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effect, way):
+    step = 0.02 if way == 3 else 0.1
+    place = np.zeros(4)
+    place[way] = step
+    slope = COMPLIANCE * (solved(tuple(place)) - solved(tuple(-place))) / (2 * step)
+    (signature,) = effect.signatures(model())
+    markers = signature.columns[0].fields[0].markers
+    # rigid motions are every frame's own: what is left without them counts
+    modes = rigid_motion(model().grasps[0].tracks.place_mm).reshape(-1, 6)
+
+    def strained(field: np.ndarray) -> np.ndarray:
+        flat = field.reshape(len(field), -1).T
+        return flat - modes @ np.linalg.lstsq(modes, flat, rcond=None)[0]
+
+    off = np.linalg.norm(strained(slope) - strained(markers))
+    assert off < 0.02 * np.linalg.norm(strained(markers))
+
+
+def test_an_amount_of_the_signature_is_where_the_search_starts():
+    (signature,) = pit_size.EFFECT.signatures(model())
+    assert pit_size.EFFECT.start(model(), signature, np.array([np.log(1.2)])) == {"scale": pytest.approx(1.2)}
+    (signature,) = pit_offset.EFFECT.signatures(model())
+    start = pit_offset.EFFECT.start(model(), signature, np.array([0.5, -1.0, 9.0]))
+    assert list(start.values()) == pytest.approx([0.5, -1.0, 6.0])

@@ -1,26 +1,135 @@
-"""Large deformation under an effect of the flesh: its forces at finite strain, and how it changes."""
+"""Large deformation: against Newton and exact rotations, alone and under an effect of the flesh."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
+from injected_mismatch import E_MPA, NOISE_MM, TIME_S, injected_case, only_grasp, pads_under
 from pinched_case_model import model_of
+from plain_model import case_model, screened_effects
 from scipy.spatial.transform import Rotation
-from test_mismatch_large_deformation import by_newton
 
+from fem.fem_failure import FemFailure
 from fem.materials.fung_neo_hookean import fung_neo_hookean, neo_hookean_tangent
 from fem.materials.neo_hookean import NeoHookean
 from fem.materials.strain_path import linear_stress
-from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin, soft_spot
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin, soft_spot, stiffening
+from fem.mismatch.evidence import beyond_small_strain
+from fem.mismatch.evidence.beyond_small_strain import (
+    LARGE_DEFORMATION,
+    TURNED_FRUIT,
+    displacement_beyond,
+    from_first_loading,
+    large_deformation,
+    turned_fruit,
+)
+from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator, neo_hookean_operator
+from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model import finite_change as module
+from fem.mismatch.model import stress_history
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.finite_change import finite_change, in_proportion
+from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.model.reduced_law import Operator
 from fem.mismatch.model.stress_history import HARDLY_ANY, path_state, stiffening_path
+from fem.mismatch.model.warm_start import MOST, NEAR, WarmStarts, quadratic_surrogate
+from fem.mismatch.selection import screening
+from fem.mismatch.selection.refinement import refit
+from fem.mismatch.selection.screening import LinearRound
+from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.initial_stress import AddedStress
 from fem.solid.membrane import membrane_forces
+
+
+def by_newton(model: CaseModel, *, share: float = 1.0) -> np.ndarray:
+    """The markers' displacement, mm, of Neo-Hookean flesh under this share of the loads, all frames."""
+    recording = model.grasps[0]
+    solid = recording.solid
+    force = np.tensordot(recording.shares, recording.patterns, axes=1)
+    load = share * model.compliance * recording.loads(force)
+    newton = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=NU))
+    return recording.at_markers(newton.displacement(load))
+
+
+def large_deformation_column(model: CaseModel) -> Regressor:
+    (column,) = (nuisance for nuisance in common_nuisances(model) if nuisance.name == LARGE_DEFORMATION)
+    return column
+
+
+@pytest.mark.slow
+def test_its_column_is_what_newtons_method_makes_of_neo_hookean_flesh(monkeypatch):
+    monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
+    model = model_of()
+    beyond = by_newton(model) - 1e3 * by_newton(model, share=1e-3)
+    signature = large_deformation_column(model).fields[0].markers
+    size = np.linalg.norm(signature), np.linalg.norm(beyond)
+    assert (signature * beyond).sum() / np.prod(size) > 0.999
+    assert size[0] / size[1] == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.fixture(scope="module")
+def neo_hookean() -> tuple[CaseModel, LinearRound]:
+    """Soft flesh that deforms largely and does nothing else, and its linear round."""
+    softer = replace(model_of(), compliance=12.0)
+    recording = softer.grasps[0]
+    tracks = replace(recording.tracks, position_mm=recording.tracks.place_mm + by_newton(softer))
+    injected = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
+    return injected, screened_effects(injected, [stiffening.EFFECT])
+
+
+@pytest.mark.slow
+def test_neo_hookean_flesh_deforms_largely_and_does_not_stiffen(neo_hookean):
+    """The amount is found by the data: its prior is a tenth wide."""
+    _, linear = neo_hookean
+    columns = [linear.products.columns[j] for j in linear.null.chosen]
+    (place,) = (k for k, column in enumerate(columns) if column.name == LARGE_DEFORMATION)
+    assert columns[place].mean + linear.null.amounts[place] == pytest.approx(1.0, abs=0.1)
+    assert linear.null.sd[place] < 0.07
+    assert linear.best[0].gain < 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.8, 1.25])
+def test_large_deformation_grows_with_the_fitted_compliance(neo_hookean, share):
+    """Its amount stays at its prior mean where the plain model starts from another 1/E, `share` of the
+    true one.
+    """
+    injected, _ = neo_hookean
+    other = replace(injected, compliance=share * injected.compliance)
+    linear = screened_effects(other, [])
+    columns = [linear.products.columns[j].name for j in linear.null.chosen]
+    assert share * (1 + linear.null.amounts[0]) == pytest.approx(1.0, abs=0.01)
+    assert linear.null.amounts[columns.index(LARGE_DEFORMATION)] == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.slow
+def test_stiffening_holds_large_deformation_itself(neo_hookean):
+    """Its refit goes without the plain model's, and finds no more b than it starts from."""
+    injected, linear = neo_hookean
+    again = refit(injected, linear, (linear.best[0],))
+    columns = [linear.products.columns[j].name for j in linear.nuisances]
+    assert LARGE_DEFORMATION in columns
+    assert LARGE_DEFORMATION not in [again.products.columns[j].name for j in again.fit.chosen]
+    assert again.parameters[0]["b"] <= 1.0
+
+
+def test_a_plain_model_that_holds_it_has_no_column_of_it():
+    model = replace(model_of(), beyond_small_strain=False)
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(model)]
+
+
+@pytest.mark.parametrize("compliance", [28.0, 60.0])
+def test_large_deformation_that_is_not_found_is_no_column_and_says_why(compliance):
+    """Rounds that have not settled, and rounds that ran away."""
+    soft = replace(model_of(), compliance=compliance)
+    failure = large_deformation(soft)
+    assert isinstance(failure, FemFailure)
+    assert "moves by this law" in failure.detail
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(soft)]
+
 
 LAWS = [effect.EFFECT for effect in (anisotropy, graded_modulus, poisson_ratio, skin)]
 OF_LAWS = pytest.mark.parametrize("effect", LAWS, ids=[effect.spec.name for effect in LAWS])
@@ -65,8 +174,7 @@ def test_the_tangent_is_that_of_the_neo_hookean_law():
         return np.moveaxis(tensors, -1, 2).reshape(-1, 3, 3).swapaxes(1, 2)
 
     F = np.eye(3) + by_points(gradient)
-    tangent = NeoHookean(poisson_ratio=NU).tangent(F)
-    expected = np.einsum("qijkl,qkl->qij", tangent, by_points(change))
+    expected = np.einsum("qijkl,qkl->qij", NeoHookean(poisson_ratio=NU).tangent(F), by_points(change))
     expected -= by_points(linear_stress(change, poisson_ratio=NU))
     np.testing.assert_allclose(by_points(added), expected, atol=1e-10)
 
@@ -182,3 +290,137 @@ def test_at_another_modulus_the_change_is_nearly_that_solved_there():
     solved = changes_of(softer)[0]
     scaled = changes_of(replace(model, compliance=3.6))[0]
     assert np.linalg.norm(scaled - solved) < 0.06 * np.linalg.norm(solved)
+
+
+POSE_ERROR = next(turning for turning in EFFECTS if turning.spec.name == "pose_error")
+TURN_RAD = np.interp(TIME_S, [2.0, 3.0], [0.0, np.radians(4.0)])[:, None] * np.array([0.0, 0.8, 0.6])
+"""From the greatest load on, about an axis across the jaws."""
+
+
+def turned_case(turn_rad: np.ndarray) -> MismatchCase:
+    """One grasp, y = Q (X + C Q'f / E), forces as recorded."""
+    turn = Rotation.from_rotvec(turn_rad)
+
+    def turned_back(force: np.ndarray) -> np.ndarray:
+        return np.stack([q.inv().apply(frame_force) for q, frame_force in zip(turn, force, strict=True)])
+
+    case = only_grasp(injected_case(), 0)
+    grasp, rng = case.grasps[0], np.random.default_rng(1)
+    pads = []
+    for pad, true in zip(grasp.history.pads, pads_under(turned_back)[0], strict=True):
+        body = true.place_mm + true.unit / E_MPA
+        position = np.stack([q.apply(frame_body) for q, frame_body in zip(turn, body, strict=True)])
+        noise = NOISE_MM * rng.normal(size=position.shape)
+        pads.append(replace(pad, position_mm=position + noise))
+    return replace(case, grasps=(replace(grasp, history=replace(grasp.history, pads=tuple(pads))),))
+
+
+def looked_at(case: MismatchCase) -> LinearRound:
+    """The linear round with pose errors alone; flesh that moves little."""
+    model, _ = case_model(case)
+    with pytest.MonkeyPatch.context() as patch:  # the forces are exact: no model error stands for the turn
+        patch.setattr(screening, "model_error_columns", lambda *_, **__: [])
+        for module in (screening, beyond_small_strain):
+            patch.setattr(module, "large_deformation", lambda _: [])
+        return screened_effects(model, [POSE_ERROR])
+
+
+@pytest.mark.slow
+def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
+    case = turned_case(TURN_RAD)
+    linear = looked_at(case)
+    columns = [linear.products.columns[j] for j in linear.null.chosen]
+    (place,) = (k for k, column in enumerate(columns) if column.name == TURNED_FRUIT)
+    share = columns[place].mean + linear.null.amounts[place]
+    monkeypatch.setattr(beyond_small_strain, "turned_fruit", lambda *_: None)
+    without = looked_at(case)
+    assert share == pytest.approx(1.0, abs=0.1)
+    assert linear.best[0].gain < 3
+    assert without.best[0].gain > 100
+
+
+def test_markers_move_by_large_deformation_and_by_the_turn():
+    model, _ = case_model(turned_case(TURN_RAD))
+    columns = beyond_small_strain.beyond_small_strain(model)
+    assert [column.name for column in columns] == [LARGE_DEFORMATION, TURNED_FRUIT]
+    (flesh,), turn = large_deformation(model), turned_fruit(model, model.grasps[0])
+    (both,) = displacement_beyond(model)
+    (alone,) = displacement_beyond(model, large_deformation=False)
+    np.testing.assert_allclose(both, model.compliance * flesh + turn, rtol=1e-12)
+    np.testing.assert_array_equal(alone, turn)
+
+
+def test_nothing_is_added_where_the_fruit_does_not_turn():
+    model, _ = case_model(only_grasp(injected_case(), 0))
+    assert turned_fruit(model, model.grasps[0]) is None
+
+
+def test_a_held_fruit_does_not_turn():
+    case = turned_case(TURN_RAD)
+    held = replace(case, grasps=(replace(case.grasps[0], support="base"),))
+    model, _ = case_model(held)
+    assert turned_fruit(model, model.grasps[0]) is None
+
+
+def test_turns_count_from_the_first_loading_of_each_contact():
+    # as they are seen: about the mean of each contact
+    contact = np.repeat([0, -1, 1], [4, 1, 4])
+    load = np.array([0.3, 0.6, 1.0, 0.5, 0.0, 0.2, 0.5, 0.9, 0.4])
+    true = np.array([0.0, 0.0, 0.02, 0.02, 0.0, 0.01, 0.01, 0.05, 0.05])
+    seen = true.copy()
+    for number in (0, 1):
+        seen[contact == number] -= true[contact == number].mean()
+    turns = from_first_loading(seen[:, None] * np.eye(3)[0], load, contact)
+    np.testing.assert_allclose(turns[:, 0], [0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.04, 0.04], atol=1e-12)
+
+
+def curved(calls: list[np.ndarray], bend: float = 0.7):
+    def first_order(theta):
+        return [[np.array([2.0 * theta[0] - theta[1]])]]
+
+    def exact(theta):
+        calls.append(theta)
+        return [[np.array([2.0 * theta[0] - theta[1] + bend * theta[0] ** 2])]]
+
+    return first_order, exact
+
+
+def asked(search, theta, calls, **options) -> float:
+    first_order, exact = curved(calls, **options)
+    return float(
+        quadratic_surrogate(search, "pit", np.array(theta), first_order=first_order, exact=exact)[0][0][0]
+    )
+
+
+def test_along_the_anchor_a_square_law_is_exact_without_another_solve():
+    search, calls = WarmStarts(), []
+    assert asked(search, [1.0, 0.0], calls) == pytest.approx(2.7)
+    assert asked(search, [1.3, 0.0], calls) == pytest.approx(2.6 + 0.7 * 1.69)
+    assert len(calls) == 1
+
+
+def test_parameters_next_to_none_leave_no_anchor_behind():
+    search, calls = WarmStarts(), []
+    assert asked(search, [0.5 * NEAR, 0.0], calls) == pytest.approx(NEAR)
+    assert not calls
+    assert asked(search, [2.0, 0.0], calls) == pytest.approx(4.0 + 2.8)
+    assert len(calls) == 1
+
+
+def test_far_from_every_anchor_the_model_is_computed_anew():
+    search, calls = WarmStarts(), []
+    asked(search, [0.4, 0.0], calls)
+    assert asked(search, [2.0, 0.5], calls) == pytest.approx(3.5 + 2.8)
+    assert len(calls) == 2
+    assert asked(search, [0.4, 0.0], calls) == pytest.approx(0.8 + 0.7 * 0.16)
+    assert len(calls) == 2
+
+
+def test_a_search_starts_from_the_nearest_of_its_last_solutions():
+    search = WarmStarts()
+    assert search.nearest("law", np.zeros(1)) is None
+    for k in range(MOST + 2):
+        search.keep("law", np.array([float(k)]), k)
+    assert search.nearest("law", np.array([4.2])) == (np.array([4.0]), 4)
+    assert search.nearest("law", np.zeros(1)) == (np.array([2.0]), 2)
+    assert search.nearest("other", np.zeros(1)) is None

@@ -1,24 +1,57 @@
-"""Faults of a gel that show in force against its own displacement: what is injected comes back."""
+"""Gels at fault, gels of springs and gels that stick: what is injected comes back."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from injected_mismatch import E_MPA, GEL_N_PER_MM, TIME_S, Altered, Recording, injected_case
+from injected_mismatch import (
+    E_MPA,
+    FLAT,
+    GEL_N_PER_MM,
+    NOISE_MM,
+    NOISE_N,
+    PHASES,
+    RADII_MM,
+    TIME_S,
+    Altered,
+    Recording,
+    injected_case,
+    pad_axes,
+    true_force,
+)
 from plain_model import case_model, screened_effects
+from recorded_pad import recorded_pad
 
+from fem.estimation import denoised_force as module
+from fem.estimation.denoised_force import DenoisedForce
+from fem.grasp_history import PadHistory
 from fem.mismatch import gel_fault
-from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effects import (
+    adhesion,
+    gel_creep,
+    gel_hysteresis,
+    sensor_drift,
+    sensor_nonlinear,
+    slip,
+    thermal_drift,
+    third_contact,
+)
 from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull
 from fem.mismatch.selection.decision import TEMPERATURE, log_prior
 from fem.mismatch.selection.grasp_explanations import all_explanations
+from fem.mismatch.selection.model_selection import ModelSelection, select_model
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_modulus import hidden_gel_spread
+from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
@@ -89,8 +122,7 @@ def bent_reading() -> CaseModel:
 
 
 def measured(effect: GelFault, model: CaseModel) -> dict[str, float]:
-    relation = effect.measured(model)
-    return relation.values
+    return effect.measured(model).values
 
 
 @pytest.mark.parametrize(
@@ -262,3 +294,231 @@ def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, m
     assert without.evidence == pytest.approx(none.evidence)
     assert without.values == pytest.approx(none.values)
     assert raw.left > 1.5 * without.left
+
+
+FORCE = true_force()
+USED = FORCE.any(axis=(1, 2))
+TURN = pad_axes(0, 1.0)
+TIME = np.arange(len(FORCE)) * 1.0
+
+
+def recorded(seed: int = 0, *, more: np.ndarray | float = 0.0, gel: np.ndarray | None = None) -> PadHistory:
+    """A bed of springs, unless `gel` (pad axes) says otherwise; `more` force of which it knows nothing."""
+    rng = np.random.default_rng(seed)
+    moved = -FORCE / GEL_N_PER_MM if gel is None else gel
+    force = (FORCE + more) @ TURN.T
+    read = moved @ TURN.T + NOISE_MM * rng.normal(size=FORCE.shape)
+    felt = force + NOISE_N * rng.normal(size=FORCE.shape)
+    return recorded_pad(FLAT, felt, touching=FORCE.any(axis=2), sd_mm=NOISE_MM, sd_N=NOISE_N, gel_mm=read)
+
+
+def denoised_force(pad: PadHistory, turn: np.ndarray, used: np.ndarray) -> DenoisedForce:
+    """In the frames used."""
+    denoised = module.denoised_force(pad, turn, used)
+    assert denoised.force_N.shape == pad.force_N.shape
+    return replace(denoised, force_N=denoised.force_N[used])
+
+
+def off(denoised: DenoisedForce, truth: np.ndarray) -> float:
+    """Root mean square error, N."""
+    return float(np.sqrt(((denoised.force_N - (truth @ TURN.T)[USED]) ** 2).mean()))
+
+
+def test_springs_push_by_their_displacement_with_less_noise_than_the_recorded_forces():
+    pad = recorded()
+    denoised = denoised_force(pad, TURN, USED)
+    assert denoised.sd_N == pytest.approx(GEL_N_PER_MM[2] * NOISE_MM, rel=0.05)
+    assert off(denoised, FORCE) < 0.5 * NOISE_N
+    springs = -(pad.gel_displacement_mm[USED] @ TURN) * GEL_N_PER_MM @ TURN.T
+    assert np.abs(denoised.force_N - springs).max() < 0.02 * FORCE.max()
+
+
+def test_noise_said_to_be_left_is_the_noise_that_is_left():
+    denoised = denoised_force(recorded(1), TURN, USED)
+    error = (denoised.force_N - (FORCE @ TURN.T)[USED]) @ TURN
+    assert error[:, :, 2].std() == pytest.approx(denoised.sd_N, rel=0.2)
+
+
+def test_a_gain_stays_a_gain():
+    pad = recorded(2)
+    greater = denoised_force(replace(pad, force_N=1.3 * pad.force_N), TURN, USED)
+    assert greater.force_N == pytest.approx(1.3 * denoised_force(pad, TURN, USED).force_N, abs=2e-3)
+
+
+def test_a_drift_of_which_the_gel_knows_nothing_survives():
+    drift = (TIME * 2e-3)[:, None, None] * [0.0, 0.0, 1.0]
+    denoised = denoised_force(recorded(3, more=drift), TURN, USED)
+    more = ((denoised.force_N - denoised_force(recorded(3), TURN, USED).force_N) @ TURN)[:, :, 2].mean(axis=1)
+    np.testing.assert_allclose(more, (TIME * 2e-3)[USED], atol=3e-3)
+
+
+def test_a_gel_that_is_no_bed_of_springs_keeps_its_recorded_patterns():
+    gel = -np.sign(FORCE) * np.abs(FORCE / GEL_N_PER_MM) ** 0.6
+    assert off(denoised_force(recorded(4, gel=gel), TURN, USED), FORCE) < NOISE_N
+
+
+def test_where_displacement_is_the_worse_sensor_the_forces_are_taken_as_they_are():
+    pad = replace(recorded(5), displacement_sd_mm=2 * NOISE_N / GEL_N_PER_MM[2])
+    denoised = denoised_force(pad, TURN, USED)
+    np.testing.assert_array_equal(denoised.force_N, pad.force_N[USED])
+    assert denoised.sd_N == NOISE_N
+
+
+def test_a_gel_that_does_not_move_says_nothing_and_the_forces_keep_their_patterns():
+    assert off(denoised_force(recorded(6, gel=np.zeros_like(FORCE)), TURN, USED), FORCE) < NOISE_N
+
+
+def test_forces_near_their_noise_come_out_as_strong_as_they_are():
+    """Touching markers are told by their noisy force; a fit to those alone would make springs too stiff."""
+    truth = FORCE * (5 * NOISE_N / np.abs(FORCE).max())
+    rng = np.random.default_rng(6)
+    force = truth + NOISE_N * rng.normal(size=FORCE.shape)
+    pad = replace(
+        recorded(),
+        gel_displacement_mm=(-truth / GEL_N_PER_MM + NOISE_MM * rng.normal(size=FORCE.shape)) @ TURN.T,
+        force_N=force @ TURN.T,
+        episode=np.where(force[:, :, 2] > 3 * NOISE_N, 0, -1),
+    )
+    push_N = (denoised_force(pad, TURN, USED).force_N @ TURN)[:, :, 2].sum(axis=1)
+    expected = truth[USED][:, :, 2].sum(axis=1)
+    assert (push_N @ expected) / (expected @ expected) == pytest.approx(1.0, abs=0.03)
+
+
+REACH_MM = 0.15
+CURVATURE_MM = 30.0
+
+
+def drawn_out(when: Callable[[str], bool]) -> Altered:
+    """Skin of a sphere of radius CURVATURE_MM draws the gel out beside the contact, up to the reach.
+
+    (r^2 - a^2) / 2R over a contact of radius a; at markers within the largest contact, in these phases.
+    """
+    r2 = (FLAT**2).sum(axis=1)
+    height = (r2 - RADII_MM[:, None] ** 2) / 2 / CURVATURE_MM
+    chosen = np.array([when(phase) for phase in PHASES])[:, None] & (RADII_MM[:, None] > 0)
+    near = r2 < RADII_MM.max() ** 2
+    stretch = np.where(chosen & near & (height > 0) & (height < REACH_MM), height, 0.0)
+
+    def change(pad: Recording) -> Recording:
+        along = stretch[..., None] * pad.axes[:, 2]
+        return replace(
+            pad,
+            gel_mm=pad.gel_mm + along,
+            position_mm=pad.position_mm + along,
+            force_N=pad.force_N - GEL_N_PER_MM[2] * along,
+        )
+
+    return change
+
+
+def unevenly(when: Callable[[str], bool]) -> Altered:
+    """The same, each marker of the rim with all or nothing of what its square and a neighbour's pull with.
+
+    A rim of pull is narrower than a marker's square. Every pad and every recording by draws of its own.
+    """
+    rng = np.random.default_rng(11)
+
+    def change(pad: Recording) -> Recording:
+        pulled = drawn_out(when)(pad)
+        share = 2.0 * rng.integers(2, size=(len(FLAT), 1))
+        return replace(pulled, force_N=pad.force_N + share * (pulled.force_N - pad.force_N))
+
+    return change
+
+
+def drifting(newton_per_s: float) -> Altered:
+    """The normal force of a pad grows from the start, evenly over its markers."""
+    grown = newton_per_s * TIME_S[:, None, None] / len(FLAT)
+    return lambda pad: replace(pad, force_N=pad.force_N + grown * pad.axes[:, 2])
+
+
+def as_recorded(pad: Recording) -> Recording:
+    return pad
+
+
+STICKS = drawn_out(lambda phase: phase == "unload")
+BULGES = drawn_out(lambda phase: phase != "air")
+
+
+@cache
+def adhering_model(altered: Altered) -> CaseModel:
+    return case_model(injected_case(altered))[0]
+
+
+@pytest.fixture
+def sticky() -> CaseModel:
+    return adhering_model(STICKS)
+
+
+def chosen(model: CaseModel) -> ModelSelection:
+    effects = [effect for effect in EFFECTS if effect.spec.name in ("adhesion", "slip")]
+    assert len(effects) == 2
+    return select_model(model, screened_effects(model, effects), p_value=0.0)
+
+
+def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
+    selection = chosen(sticky)
+    assert selection.verdict == "adhesion"
+    best = selection.ranking[0].refit
+    (parameters,) = best.parameters
+    assert parameters[adhesion.REACH] == pytest.approx(REACH_MM, abs=3 * NOISE_MM + 0.01)
+    # the forces hold the pull: the response is the plain model's
+    for unit, recording in zip(best.response.unit, sticky.grasps, strict=True):
+        np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)
+    assert best.converged
+    value, sd = sticky.pull.reach_mm
+    assert NOISE_MM <= sd < 0.02
+    assert abs(value - REACH_MM) < 3 * sd
+
+
+def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
+    """A rim of pull is narrower than a marker's square; the sum over markers is off by some of them."""
+    pulls = 0
+    for recording in sticky.grasps:
+        variance = (1 / sticky.balance_equations(recording).weight[:, :3]).sum(axis=1)
+        added = variance - variance.min()
+        held = np.zeros(len(variance))
+        for pad, motion in zip(recording.case.history.pads, recording.case.pads, strict=True):
+            normal = np.einsum("tnx,tx->tn", pad.force_N, motion.pose[:, :3, 2])[recording.used]
+            held += np.where(normal < -6 * pad.force_sd_N, normal**2, 0.0).sum(axis=1)
+        assert (added[held == 0] == 0).all()
+        assert added.max() == pytest.approx(held.max(), rel=0.2)
+        pulls += int((added > variance.min()).sum())
+    assert pulls > 0
+
+
+def test_a_rim_that_is_felt_unevenly_is_no_third_contact(monkeypatch):
+    """What the pads are out of balance by is then not borne by anything else."""
+    case = injected_case(unevenly(lambda phase: phase == "unload"))
+    model = case_model(case)[0]
+    cases = [recording.case for recording in model.grasps]
+    assert min(Pull.of([case]).evidence for case in cases) < LEAST_EVIDENCE < Pull.of(cases).evidence
+    assert third_contact.EFFECT.signatures(model) == []
+    with monkeypatch.context() as patched:
+        patched.setattr(CaseModel, "gels_stick", False)
+        assert third_contact.EFFECT.signatures(case_model(case)[0]) != []
+
+
+def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():
+    model = adhering_model(BULGES)
+    for recording in model.grasps:
+        equations = model.balance_equations(recording)
+        assert (equations.weight == equations.weight[0]).all()
+
+
+@pytest.mark.parametrize(
+    "altered",
+    [as_recorded, BULGES, drifting(-0.3)],
+    ids=["null case", "a gel that bulges beside the contact", "a force that drifts to a pull"],
+)
+def test_what_only_looks_like_a_pull_has_no_signature(altered):
+    assert adhesion.EFFECT.signatures(adhering_model(altered)) == []
+
+
+def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
+    model = adhering_model(as_recorded)
+    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
+    others = [sensor_drift.EFFECT, slip.EFFECT]
+    with_it, without = (screened(model, recorded, tried) for tried in ([*others, adhesion.EFFECT], others))
+    assert [fit.gain for fit in with_it.linear_fits] == [fit.gain for fit in without.linear_fits]
+    assert with_it.null.chi2 == without.null.chi2

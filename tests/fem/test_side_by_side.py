@@ -1,13 +1,15 @@
-"""Work done by several threads: order, errors, what is computed once, and the same numbers as by one."""
+"""Work done by several threads: order, errors, what is computed once, what is given up, and equal numbers."""
 
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier, Event
 
 import numpy as np
 import pytest
 from coarse_fruit import fruit_mesh
 
+from fem.cached_value import cached_value
 from fem.mismatch.model.case_model import MemoTable
 from fem.parallel_map import parallel_map
 from fem.solid.flesh_pieces import FleshPieces
@@ -79,3 +81,43 @@ def test_pieces_of_flesh_add_up_to_the_same_forces_however_many_threads_work_on_
     serial, threaded = (FleshPieces.of(points, workers=n).forces(moved, law) for n in (1, 3))
     assert len(FleshPieces.of(points).pieces) > 3
     np.testing.assert_array_equal(serial, threaded)
+
+
+def test_work_that_nobody_waits_for_ends_where_it_next_asks_for_pieces():
+    """As when the caller is interrupted: the exception of the first item stands for it."""
+    begun, pieces = Event(), []
+
+    def piece(k: int) -> None:
+        time.sleep(0.01)
+        pieces.append(k)
+
+    def item(k: int) -> None:
+        if k == 0:
+            assert begun.wait(timeout=30.0)
+            raise KeyboardInterrupt
+        begun.set()
+        for _ in range(1000):
+            parallel_map(piece, range(3), workers=2)
+
+    with pytest.raises(KeyboardInterrupt):
+        parallel_map(item, range(2), workers=2)
+    assert len(pieces) < 1000
+
+
+class Slow:
+    together = Barrier(2, timeout=30.0)
+
+    @cached_value
+    def value(self) -> int:
+        """Comes once two threads compute it, each of an object of its own."""
+        self.together.wait()
+        return id(self)
+
+
+def test_threads_compute_values_of_their_own_objects_at_once():
+    objects = [Slow(), Slow()]
+    assert parallel_map(lambda holder: holder.value, objects, workers=2) == [id(holder) for holder in objects]
+    assert [holder.value for holder in objects] == [id(holder) for holder in objects], (
+        "kept: the barrier is not asked again"
+    )
+    assert Slow.value.__doc__ == "Comes once two threads compute it, each of an object of its own."

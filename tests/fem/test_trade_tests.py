@@ -175,14 +175,12 @@ def test_pit_and_poissons_ratio_make_plates_stiffer_and_widen_the_error(pitted):
         for share in (0.4, 0.44)
     ]
     assert larger_pit / plain - 1 == pytest.approx(by_table[1] / by_table[0] - 1, rel=0.25)
-    test = named_tests()["plates_5pct_N"]
-    value, sd = reading(test, pitted, E_MPa=0.6, E_sd_MPa=0.0)
+    value, sd = reading(named_tests()["plates_5pct_N"], pitted, E_MPa=0.6, E_sd_MPa=0.0)
     assert sd > np.hypot(other_nu / plain - 1, larger_pit / plain - 1) * value
 
 
 def test_apparent_modulus_of_a_hertzian_sphere_is_its_modulus():
-    test = named_tests()["s368_5pct_MPa"]
-    assert test.read(hertzian(), 0.7)[0] == pytest.approx(0.7, rel=1e-9)
+    assert named_tests()["s368_5pct_MPa"].read(hertzian(), 0.7)[0] == pytest.approx(0.7, rel=1e-9)
 
 
 @pytest.mark.parametrize("forces_gf", [(50.0, 350.0), (15.0, 200.0)])

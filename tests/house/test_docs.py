@@ -181,8 +181,7 @@ def section_of(document: str, heading: str) -> str:
 def test_every_source_of_convert_has_its_row_in_formats_and_every_option_is_named_there():
     section = section_of("docs/formats.md", "Sources of `drupe convert`")
     first_table = section.partition("|---")[2].partition("\n\n")[0]
-    rows = re.findall(r"^\| (.+?) \|", first_table, re.MULTILINE)
-    assert rows == list(KINDS)
+    assert re.findall(r"^\| (.+?) \|", first_table, re.MULTILINE) == list(KINDS)
     options = [f"--{name.replace('_', '-')}" for name in signature(convert).parameters]
     assert [name for name in options if name not in section] == ["--source", "--out"]
 

@@ -1,8 +1,10 @@
-"""One word for one thing: identifiers are the field's terms (docs/glossary.md), not home-made words."""
+"""One name for one thing, of plain words: modules, classes and identifiers."""
 
+import ast
 import io
 import re
 import tokenize
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -134,3 +136,31 @@ def test_no_identifier_is_home_made_or_a_pronoun(room):
 )
 def test_words_are_found_whole_outside_of_prose_and_allowed_terms(source, expected):
     assert refused(source) == expected
+
+
+FOLDERS = ("fem", "recon", "tactile", "pipeline", "reports", "samples", "drupe", "benchmarks")
+
+
+def sources() -> list[Path]:
+    return [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def shared(places: dict[str, list[str]]) -> dict[str, list[str]]:
+    return {name: where for name, where in places.items() if len(where) > 1}
+
+
+def test_no_two_modules_are_named_alike():
+    places = defaultdict(list)
+    for path in sources():
+        if path.name != "__init__.py":
+            places[path.name].append(str(path.relative_to(ROOT)))
+    assert shared(places) == {}
+
+
+def test_no_two_public_classes_are_named_alike():
+    places = defaultdict(list)
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(str(path.relative_to(ROOT)))
+    assert shared(places) == {}

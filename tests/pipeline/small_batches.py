@@ -32,6 +32,13 @@ def run(*words: object) -> tuple[int, str]:
     raise done.exception
 
 
+def said_with(status: int, *words: object) -> str:
+    """What a command says that ends with this exit status."""
+    ended_with, text = run(*words)
+    assert ended_with == status, text
+    return text
+
+
 def python(code: str, **how: object) -> subprocess.CompletedProcess[str]:
     """What a Python of its own says of the code."""
     command = [sys.executable, "-c", code]

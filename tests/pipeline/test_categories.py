@@ -1,4 +1,4 @@
-"""A category is a file: a shipped one by name, the user's own by path; what it leaves, the batch must say."""
+"""A fruit's shape and category: meshes as they are written."""
 
 import json
 
@@ -9,16 +9,17 @@ from in_this_process import InThisProcess
 from rich.console import Console
 
 import pipeline.run.grading
-from pipeline.batch.layout import Results
+from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import open_batch
+from pipeline.batch.records import MeshRecord, PitRecord
 from pipeline.batch.task import fruit_task
 from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.fruit.fruit_shape import embedded_pit, fruit_shape
+from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.problem import BatchRefused
 from pipeline.run.batch_run import GradeOptions
 from pipeline.run.grading import grade
 from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
+from recon.surface.mesh_file import read_mesh, write_mesh
 from recon.triangle_mesh import volume_mm3
 
 DIRECTIONS, FACES = ball(4)
@@ -183,8 +184,7 @@ def test_own_files_are_among_the_inputs_of_the_results(made, monkeypatch):
     root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
     status, _ = grade(root, None, GradeOptions(jobs=1, time_limit_s=600), console=Console(quiet=True))
     assert status == 3  # no recordings
-    said = json.loads((root / "results" / "batch.json").read_text())
-    assert "mine.toml" in said["inputs"]
+    assert "mine.toml" in json.loads((root / "results" / "batch.json").read_text())["inputs"]
 
 
 def test_a_case_of_a_phantom_needs_its_core_and_poissons_ratio(tmp_path):
@@ -197,3 +197,49 @@ def test_a_case_of_a_phantom_needs_its_core_and_poissons_ratio(tmp_path):
     case = open_case(tmp_path, fruit_id=None, work=tmp_path / "work", out=None)
     assert (case.task.category, case.task.body.stem_and_suture) == ("phantom", False)
     assert np.isclose(case.task.settings.poisson_ratio, 0.47)
+
+
+COARSE_DIRECTIONS, COARSE_FACES = ball(3)
+BOX = (60.0, 60.0, 60.0)
+
+
+def pit():
+    record = PitRecord(
+        source="pit.ply", volume_mm3=1.0, centre_mm=(0, 0, 0), box_mm=BOX, thinnest_flesh_mm=1.0,
+        flesh_volume_mm3=1.0,
+    )  # fmt: skip
+    return FruitPit(
+        vertices=10 * COARSE_DIRECTIONS,
+        faces=COARSE_FACES,
+        skin=(30 * COARSE_DIRECTIONS, COARSE_FACES),
+        record=record,
+    )
+
+
+def shape(views):
+    counts = {"vertices": len(COARSE_DIRECTIONS), "faces": len(COARSE_FACES), "volume_mm3": 1.0}
+    record = MeshRecord(source="photos", **counts, height_mm=60.0, box_mm=BOX)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0]
+    return FruitShape(
+        vertices=30 * COARSE_DIRECTIONS,
+        faces=COARSE_FACES,
+        mesh_from_fruit=pose,
+        record=record,
+        warnings=(),
+        views=views,
+    )
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_views_stay_with_their_vertices_and_both_meshes_go_back_to_their_frame(tmp_path, known):
+    views = np.arange(len(COARSE_DIRECTIONS)) % 7
+    results = FruitResults(tmp_path)
+    write_meshes(results, shape(views if known else None), pit())
+    for path, radius in ((results.fruit_ply, 30), (results.pit_ply, 10)):
+        x, y, z = (radius * COARSE_DIRECTIONS).T
+        np.testing.assert_allclose(read_mesh(path)[0], np.column_stack([1 - y, 2 + x, 3 + z]), atol=1e-5)
+    table = trimesh.load_mesh(results.fruit_ply, process=False).metadata["_ply_raw"]["vertex"]["data"]
+    assert ("views" in table.dtype.names) is known
+    if known:
+        assert np.array_equal(table["views"].ravel(), views)

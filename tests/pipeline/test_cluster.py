@@ -333,5 +333,4 @@ def test_ctrl_c_ends_a_run_on_slurm_as_any_other(slurm, tmp_path, monkeypatch):
         run.send_signal(signal.SIGINT)
         assert run.wait(60) == 130
     assert "Traceback" not in log.read_text()
-    written = json.loads((tmp_path / "results" / "batch.json").read_text())
-    assert written["exit_status"] == 130
+    assert json.loads((tmp_path / "results" / "batch.json").read_text())["exit_status"] == 130

@@ -1,15 +1,19 @@
-"""`drupe convert` on tables of a load cell as machines write them: delimiters, names, units, sheets."""
+"""Tables of a load cell converted, and curves of punches and plates explained."""
 
+import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
 from small_batches import run as command
+from small_batches import said_with
 
 from tactile.readers.cell_rows import sheets_of
-from tactile.readers.recording import IndenterPad, read_recording
+from tactile.readers.recording import IndenterPad, read_recording, write_recording
 
 BALL = ("--indenter", "ball", "--radius-mm", "5")
 TIMES = np.arange(30) / 10
@@ -44,8 +48,7 @@ def read_back(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def converted(folder: Path, source: Path, *options: str) -> str:
-    code, said = run(source, folder / "out.h5", *BALL, *options)
-    assert code == 0, said
+    said = said_with(0, "convert", source, folder / "out.h5", *BALL, *options)
     time_s, travel_mm, force_N = read_back(folder / "out.h5")
     np.testing.assert_allclose(time_s, TIMES, atol=1e-6)
     np.testing.assert_allclose(travel_mm, GONE, atol=1e-6)
@@ -227,8 +230,9 @@ def test_a_quotation_mark_that_does_not_end_is_refused_and_no_row_is_lost(tmp_pa
 
 def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
     offset = 2 * float(PRESSED.max())
-    code, said = run(written(tmp_path, TIMES, GONE, PRESSED - offset), tmp_path / "out.h5", *BALL)
-    assert code == 0
+    said = said_with(
+        0, "convert", written(tmp_path, TIMES, GONE, PRESSED - offset), tmp_path / "out.h5", *BALL
+    )
     assert "reversed its sign" not in said
     np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
 
@@ -296,11 +300,9 @@ def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
     assert "--run all" in said
     assert "sort" not in said
     assert f"{runs} runs" in refused(tmp_path, source, "--run", str(runs + 1))
-    code, said = run(source, tmp_path / "out.h5", *BALL, "--run", "2")
-    assert code == 0, said
+    said_with(0, "convert", source, tmp_path / "out.h5", *BALL, "--run", "2")
     np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], 1.1 * PRESSED, atol=1e-6)
-    code, said = run(source, tmp_path / "all.h5", *BALL, "--run", "all")
-    assert code == 0, said
+    said_with(0, "convert", source, tmp_path / "all.h5", *BALL, "--run", "all")
     for k in range(runs):
         force = read_back(tmp_path / f"all-{k + 1}.h5")[2]
         np.testing.assert_allclose(force, (1 + 0.1 * k) * PRESSED, atol=1e-6)
@@ -310,8 +312,7 @@ def test_a_bad_run_is_named_and_costs_no_other_run(tmp_path: Path) -> None:
     lacking = np.where(np.arange(30) == 9, np.nan, PRESSED)
     body = [table("", TIMES, GONE, force).lstrip() for force in (PRESSED, lacking, 1.2 * PRESSED)]
     (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
-    code, said = run(tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
-    assert code == 3
+    said = said_with(3, "convert", tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
     assert f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 1 of 30 rows" in said
     assert [f"wrote {tmp_path / f'all-{k}.h5'}\n" in said for k in (1, 2, 3)] == [True, False, True]
     assert sorted(path.name for path in tmp_path.glob("*.h5")) == ["all-1.h5", "all-3.h5"]
@@ -323,8 +324,7 @@ def test_a_file_of_an_earlier_conversion_is_named_if_its_run_fails_now(tmp_path:
     for second in (PRESSED, lacking):
         body = [table("", TIMES, GONE, force).lstrip() for force in (PRESSED, second, lacking)]
         (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
-        code, said = run(tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
-        assert code == 3
+        said = said_with(3, "convert", tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
     first, last = [line for line in said.splitlines() if line.startswith("drupe: did not write")]
     earlier = ". The file there is of an earlier conversion; remove it."
     assert first.startswith(f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 1 of 30 rows")
@@ -337,8 +337,7 @@ def test_every_fault_of_a_table_without_a_usable_run_is_named(tmp_path: Path) ->
     runs = [np.where(np.arange(30) < 9 + lacking, PRESSED, np.nan) for lacking in (20, 18)]
     body = [table("", TIMES, GONE, force).lstrip() for force in runs]
     (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
-    code, said = run(tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
-    assert code == 3
+    said = said_with(3, "convert", tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
     assert f"drupe: did not write {tmp_path / 'all-1.h5'}: t.csv: found 1 of 30 rows" in said
     assert f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 3 of 30 rows" in said
     assert not list(tmp_path.glob("*.h5"))
@@ -347,3 +346,193 @@ def test_every_fault_of_a_table_without_a_usable_run_is_named(tmp_path: Path) ->
 @pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
 def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
     assert "the number of a run (from 1), or all" in refused(tmp_path, written(tmp_path), f"--run={text}")
+
+
+CYLINDER = ("--indenter", "plates", "--specimen", "cylinder", "--height-mm", "12", "--diameter-mm", "15")
+FRUIT = ("--indenter", "plates", "--diameters-mm", "61", "60", "58", "--axis", "c")
+OILED = (*CYLINDER, "--ends", "lubricated")
+RUBBER = 'category = "rubber"\npoisson_ratio = 0.499\n'
+E_MPA = 0.4
+
+
+def pressed(path, force_of, deepest_mm, *, noise=0.001, step=1):
+    """A ramp after some frames in the air, and a hold; noise as a share of the peak. `step`: of frames."""
+    travel = np.r_[np.zeros(30), np.linspace(0, deepest_mm + 0.1, 90), np.full(40, deepest_mm + 0.1)][::step]
+    force = force_of(np.maximum(travel - 0.1, 0.0))
+    force = force + noise * force.max() * np.random.default_rng(2).standard_normal(len(force))
+    rows = np.column_stack([np.arange(len(travel)) * step / 10, travel, force])
+    np.savetxt(path, rows, delimiter=",", header="time_s,travel_mm,force_N", comments="")
+    return path
+
+
+@pytest.fixture
+def source(tmp_path):
+    return pressed(tmp_path / "t.csv", sliding_N, 3.0)
+
+
+@pytest.fixture
+def case(tmp_path):
+    (tmp_path / "case").mkdir()
+    return tmp_path / "case"
+
+
+def tip_of(path):
+    pad = read_recording(path).pads[0]
+    assert isinstance(pad, IndenterPad)
+    return pad
+
+
+def explained(folder, case, *sources, options):
+    made = folder / "case"
+    made.mkdir()
+    (made / "case.toml").write_text(case)
+    for k, source in enumerate(sources):
+        said_with(0, "convert", source, made / f"press-{k + 1}.h5", *options)
+    said_with(0, "explain", made, "--json", folder / "answer.json", "--html", folder / "page.html")
+    return json.loads((folder / "answer.json").read_text())
+
+
+def sliding_N(depth):
+    """Treloar's incompressible cylinder of 15 x 12 mm between oiled plates."""
+    left = 1 - depth / 12
+    return E_MPA * np.pi * 15**2 / 4 * (left**-2 - left) / 3
+
+
+def test_a_cylinder_between_oiled_plates_gives_its_modulus(source, tmp_path):
+    answer = explained(tmp_path, RUBBER, source, options=OILED)
+    assert answer["verdict"] == "none"
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert any("taken as sliding" in note for note in answer["notes"])
+    assert "cylinder 15 mm wide, 12 mm high" in (tmp_path / "page.html").read_text()
+
+
+def test_a_punch_gives_boussinesqs_modulus_and_says_what_it_cannot_look_for(tmp_path):
+    source = pressed(tmp_path / "t.csv", lambda d: 2 * 3.0 * E_MPA / (1 - 0.45**2) * d, 0.5)
+    punch = ("--indenter", "flat", "--radius-mm", "3")
+    answer = explained(tmp_path, 'category = "silicone"\npoisson_ratio = 0.45\n', source, options=punch)
+    assert answer["verdict"] == "none"
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert any(note.startswith("Stiffening was not looked for") for note in answer["notes"])
+    assert {"stiffening", "damage"}.isdisjoint(hypothesis["effect"] for hypothesis in answer["ranking"])
+
+
+def test_the_specimen_is_kept_in_the_recording(source, tmp_path):
+    for k, options in enumerate(((*FRUIT, "--pit-share", "0"), (*CYLINDER, "--ends", "bonded"))):
+        assert command("convert", source, tmp_path / f"{k}.h5", *options)[0] == 0
+    fruit, cylinder = (tip_of(tmp_path / f"{k}.h5") for k in range(2))
+    assert (fruit.indenter, fruit.radius_mm) == ("plate", None)
+    assert fruit.specimen.stated == {"diameters_mm": (61.0, 60.0, 58.0), "axis": "c", "pit_share": 0.0}
+    sizes = {"height_mm": 12.0, "diameter_mm": 15.0}
+    assert cylinder.specimen.stated == {"kind": "cylinder", **sizes, "ends": "bonded"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--indenter", "flat"), "ball or flat with --radius-mm"),
+        (("--indenter", "plates", "--radius-mm", "3"), "--radius-mm is the radius of a ball or punch"),
+        (("--indenter", "plates"), "give --specimen cylinder with --height-mm 12"),
+        (CYLINDER[:-2], "does not fully describe the cylinder between the plates; give --diameter-mm"),
+        (("--indenter", "plate", "--specimen", "fruit", "--axis", "a"), "give --diameters-mm 61 60 58"),
+        ((*FRUIT, "--ends", "bonded"), "gives --ends for a fruit, which has only --specimen, --diameters-mm"),
+        (("--indenter", "ball", "--radius-mm", "3", "--height-mm", "4"), "gives --height-mm for a ball on"),
+        (("--indenter", "flat", "--radius-mm", "9", "--thickness-mm", "2"), "radius 9 mm on 2 mm of flesh"),
+        (("--indenter", "plates", "--diameters-mm", "90", "60", "40", "--axis", "c"), "more than 1.6 times"),
+    ],
+)
+def test_what_is_missing_or_strange_is_asked_for_before_a_file_is_written(source, tmp_path, options, words):
+    said = said_with(1, "convert", source, tmp_path / "out.h5", *options)
+    assert words in " ".join(said.split())
+    assert not (tmp_path / "out.h5").exists()
+
+
+@pytest.mark.proof
+def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(source, case):
+    """Files of before have a radius and no specimen."""
+    assert command("convert", source, case / "old.h5", *OILED)[0] == 0
+    with h5py.File(case / "old.h5", "a") as file:
+        pad = file["pads/tip"].attrs
+        for name in ("specimen", "height_mm", "diameter_mm", "ends"):
+            del pad[name]
+        pad["radius_mm"] = 5.0
+    (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.45\n')
+    said = said_with(1, "explain", case)
+    assert (
+        "old.h5: does not name the specimen between the plates; give specimen cylinder with height_mm 12"
+        in said
+    )
+    (case / "case.toml").write_text(
+        'category = "rubber"\npoisson_ratio = 0.45\nspecimen = "cylinder"\nheight_mm = 12\n'
+        'diameter_mm = 15\nends = "lubricated"\n'
+    )
+    assert command("explain", case)[0] == 0
+
+
+def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
+    source = pressed(tmp_path / "t.csv", lambda d: 0.9 * d**1.5, 4.0)
+    answer = explained(
+        tmp_path, 'category = "nectarine"\naxis = "b"\n', source, options=(*FRUIT, "--category", "nectarine")
+    )
+    notes = " ".join(answer["notes"])
+    assert "drupe uses the category's pit, 0.44 of the fruit's diameter" in notes
+    assert "axis is c in the recording but b in case.toml; drupe uses the latter" in notes
+    assert "The fruit's shape" in notes
+    assert "squeezed along 60 mm" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path):
+    """The third cylinder is 1.5 times as stiff as the others."""
+    stiffer = (1.0, 1.0, 1.5, 1.0)
+    sources = [
+        pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0, step=2)
+        for k, times in enumerate(stiffer)
+    ]
+    answer = explained(tmp_path, RUBBER, *sources, options=OILED)
+    assert answer["left_out"] == ["press-3"]
+    said = "Recording 3 (press-3) does not belong to the others"
+    assert answer["notes"][0].startswith(said)
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    page = (tmp_path / "page.html").read_text()
+    assert said in page
+    assert "nominal: it assumes" in page
+    assert answer["p_nominal"].startswith("nominal")
+
+
+@pytest.mark.proof
+def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_touch(tmp_path):
+    sources = [pressed(tmp_path / f"{k}.csv", sliding_N, 2.0 + 0.5 * k) for k in range(3)]
+    answer = explained(tmp_path, RUBBER, *sources, options=OILED)
+    assert answer["verdict"] == "none"
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert {f"onset_mm{end}" for end in ("", "_2", "_3")} <= answer["ranking"][0]["parameters"].keys()
+    assert any(note.startswith("Recording 3 (press-3): First touch 0.099") for note in answer["notes"])
+
+
+def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(source, case, tmp_path):
+    (case / "case.toml").write_text(RUBBER)
+    assert command("convert", source, case / "one.h5", *OILED)[0] == 0
+    press = read_recording(case / "one.h5")
+    tip = tip_of(case / "one.h5")
+    jaws = [
+        replace(tip, name=name, force_z_N=k * tip.force_z_N) for name, k in (("left", 0.9), ("right", 1.1))
+    ]
+    grasp = replace(
+        press, loading="grasp", support="free", aperture_mm=12.1 - press.aperture_mm, pads=tuple(jaws)
+    )
+    (case / "one.h5").unlink()
+    write_recording(case / "jaws.h5", grasp)
+    assert command("explain", case, "--json", tmp_path / "a.json")[0] == 0
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    write_recording(
+        case / "jaws.h5", replace(grasp, pads=(jaws[0], replace(jaws[1], indenter="flat", radius_mm=3.0)))
+    )
+    assert "has two bare pads, plate and flat" in command("explain", case)[1]
+
+
+def test_a_shape_without_a_law_is_refused_by_explain_as_well(source, case):
+    (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.45\nheight_mm = 1.5\n')
+    assert command("convert", source, case / "one.h5", *CYLINDER, "--ends", "bonded")[0] == 0
+    said = said_with(3, "explain", case)
+    assert "height 0.1 diameters, expected 0.25 to 3" in " ".join(said.split())

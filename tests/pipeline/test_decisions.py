@@ -1,14 +1,17 @@
-"""What is shipped, held and inspected: probabilities against direct draws, and the reasons."""
+"""Ranking, classes, decisions and error bars from moduli."""
 
 import numpy as np
 import pytest
 from graded_results import graded
+from scipy.stats import norm
 
+from fem.estimation.error_budget import DISCRETISATION, MODEL, PIT_PLACE, REGISTRATION, SCATTER, TACTILE
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.records import DiagnosisRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
-from pipeline.ranking.maturity import class_probabilities, standings
+from pipeline.ranking.error_parts import ADVICE, smaller_error
+from pipeline.ranking.maturity import agreement, class_probabilities, maturity, standings
 from reports.words import effect_name
 
 CLASSES = (
@@ -158,8 +161,7 @@ def test_what_explain_found_counts_instead_of_what_the_screen_suspects(explained
 @pytest.mark.parametrize(("certainty", "list_name"), [(0.5, "ship"), (0.8, "ship"), (0.9, "inspect")])
 def test_the_certainty_that_a_decision_needs_is_a_setting(certainty, list_name):
     """ln(0.6 / 0.55) / 0.08 = 1.088 sd below the limit: 86 % certain."""
-    grading = CERTAIN_SHIP.model_copy(update={"certainty": certainty})
-    decision = decided(0.55, 0.55 * 0.08, grading)
+    decision = decided(0.55, 0.55 * 0.08, CERTAIN_SHIP.model_copy(update={"certainty": certainty}))
     assert decision.decision == list_name
     assert (decision.other_class is None) == (certainty < 0.86)
 
@@ -170,7 +172,103 @@ def test_without_classes_and_for_a_reference_body_there_is_no_list():
 
 
 def test_one_class_parts_nothing_unless_it_says_so():
-    grading = Grading(classes=(GradingClass(name="all"),))
-    assert grading.shipped is None
+    assert Grading(classes=(GradingClass(name="all"),)).shipped is None
     assert Grading(classes=(GradingClass(name="all", ship=True),)).shipped == (True,)
     assert ship_probability((0.25, 0.75), (False, True)) == 0.75
+
+
+SOFT_TO_FIRM = (
+    GradingClass(name="soft", E_max_MPa=0.3),
+    GradingClass(name="ripe", E_max_MPa=0.7),
+    GradingClass(name="firm"),
+)
+
+
+def stand(E, sd, common=0.0, seed=1):
+    E, sd = np.array(E), np.array(sd)
+    return standings(E, sd, common * np.ones_like(E), classes=SOFT_TO_FIRM, rng=np.random.default_rng(seed))
+
+
+def test_a_common_scale_counts_for_the_class_and_not_for_the_order():
+    E, sd = np.array([0.29, 0.31]), np.array([0.003, 0.003])
+    plain = standings(E, sd, np.zeros(2), classes=SOFT_TO_FIRM, rng=np.random.default_rng(1))
+    wide = standings(
+        E, sd, np.zeros(2), scale_sd_MPa=0.1 * E, classes=SOFT_TO_FIRM, rng=np.random.default_rng(1)
+    )
+    assert [s.p_softer_than_next for s in wide] == [s.p_softer_than_next for s in plain]
+    assert [s.rank_probability for s in wide] == [s.rank_probability for s in plain]
+    assert plain[0].maturity_probability > 0.99
+    expected = norm.cdf((np.log(0.3) - np.log(0.29)) / np.hypot(0.1, 0.003 / 0.29))
+    assert wide[0].maturity_probability == pytest.approx(expected)
+
+
+def test_far_apart_fruit_have_certain_ranks_the_softest_first():
+    standings = stand([10.0, 0.1, 1.0], [0.5, 0.005, 0.05])
+    assert [s.rank for s in standings] == [3, 1, 2]
+    for s in standings:
+        assert s.rank_probability == 1.0
+        assert s.rank_low == s.rank_high == s.rank
+
+
+def test_probability_of_being_softer_agrees_with_direct_sampling():
+    E, sd = np.array([0.50, 0.55]), np.array([0.05, 0.04])
+    softer = stand(E, sd)[0].p_softer_than_next
+    draws = np.exp(np.random.default_rng(3).normal(np.log(E), sd / E, (400_000, 2)))
+    assert softer == pytest.approx((draws[:, 0] < draws[:, 1]).mean(), abs=0.003)
+
+
+def test_rank_probability_of_two_equals_probability_of_being_softer():
+    first, second = stand([0.50, 0.52], [0.05, 0.05])
+    assert first.rank_probability == pytest.approx(first.p_softer_than_next, abs=0.03)
+    assert second.p_softer_than_next is None
+
+
+def test_equal_fruit_get_distinct_ranks_and_even_odds():
+    first, second = stand([0.5, 0.5], [0.05, 0.05])
+    assert {first.rank, second.rank} == {1, 2}
+    assert first.p_softer_than_next == pytest.approx(0.5)
+
+
+def test_an_error_that_all_fruit_share_leaves_the_order_sure_and_the_class_unsure():
+    alone = stand([0.29, 0.31], [0.05, 0.05])
+    shared = stand([0.29, 0.31], [0.05, 0.05], common=0.0499)
+    assert shared[0].p_softer_than_next > 0.99 > alone[0].p_softer_than_next
+    assert shared[0].maturity_probability == pytest.approx(alone[0].maturity_probability)
+
+
+def test_without_classes_there_is_no_maturity():
+    assert maturity(0.0, 0.1, ()) == (None, None)
+
+
+def test_no_fruit_gives_no_standing():
+    assert stand([], []) == []
+
+
+def test_correlation_with_shore_is_one_for_the_same_order():
+    correlation = agreement(np.array([0.1, 0.4, 0.9, 1.5]), np.array([20.0, 35.0, 60.0, 61.0]))
+    assert correlation.spearman == pytest.approx(1.0)
+    assert correlation.n == 4
+    # Two of the 24 orders agree as well: this one and its reverse
+    assert correlation.p == pytest.approx(2 / 24)
+
+
+def test_two_fruit_or_a_constant_reference_have_no_correlation():
+    assert agreement(np.array([0.1, 0.4]), np.array([1.0, 2.0])) is None
+    assert agreement(np.array([0.1, 0.4, 0.5]), np.array([2.0, 2.0, 2.0])) is None
+
+
+@pytest.mark.parametrize("part", [TACTILE, REGISTRATION, PIT_PLACE, MODEL, SCATTER])
+def test_the_largest_part_is_named_with_what_to_do(part):
+    said = smaller_error({part: 3.0, DISCRETISATION: 1.0})
+    assert (
+        said.replace("\u00a0", " ")
+        == f"90 % of its variance comes from: {part}; smaller with {ADVICE[part]}."
+    )
+
+
+def test_two_parts_are_named_where_none_is_half_and_none_where_none_is_known():
+    said = smaller_error({TACTILE: 1.0, MODEL: 1.1, SCATTER: 0.9})
+    assert said.index(MODEL) < said.index(TACTILE)
+    assert SCATTER not in said
+    assert smaller_error({DISCRETISATION: 1.0}).endswith("comes from: discretisation.")
+    assert smaller_error({}) == ""

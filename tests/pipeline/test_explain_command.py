@@ -1,18 +1,24 @@
-"""`drupe explain` from a case to its answer, and every bad case ended with one clear line."""
+"""`drupe explain` from a case, a batch, arrays or a bare ball's trace to its answer."""
 
 import json
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from explain_runs import SETTINGS, change
-from fake_explanation import fake_explanation
+from explain_runs import DATA, SETTINGS, change
+from fake_explanation import GAIN, OTHERS, fake_explanation
 from threadpoolctl import threadpool_limits
 
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
+from drupe import DrupeError, explain, explain_fruit, read_recording
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.result import Modulus, Where
+from pipeline.problem import known_names
+from recon.surface.mesh_file import read_mesh
+from tactile.readers.recording import IndenterPad, Recording, write_recording
 
 
 def finite(value):
@@ -28,8 +34,7 @@ def test_a_case_becomes_an_answer_in_the_fixed_format_a_page_and_a_verdict_that_
 ):
     before = sorted(p.name for p in case.iterdir())
     finder["answer"] = fake_explanation(p_value=math.nan, where=Where(region="pad left", radius_mm=math.inf))
-    ran = drupe("explain", case, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")
-    assert ran.status == 0, ran.err
+    ran = drupe("explain", case, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html", status=0)
     assert "The flesh creeps" in ran.out.splitlines()[0]
     assert "naming" in ran.err
     said = json.loads((tmp_path / "a.json").read_text())
@@ -64,8 +69,7 @@ def test_recordings_that_grading_has_no_modulus_of_are_explained_all_the_same(
         raise FemFailure(FemProblem.NOT_CONVERGED, "the grasps contradict each other")
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", none)
-    ran = drupe("explain", case, "--json", tmp_path / "a.json")
-    assert ran.status == 0, ran.err
+    drupe("explain", case, "--json", tmp_path / "a.json", status=0)
     assert finder["graded"] is None
     assert "the grasps contradict each other" in " ".join(
         json.loads((tmp_path / "a.json").read_text())["notes"]
@@ -75,8 +79,7 @@ def test_recordings_that_grading_has_no_modulus_of_are_explained_all_the_same(
 def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder, case):
     (case / "grasp-2.h5").unlink()
     finder["answer"] = fake_explanation(verdict=("clock_lag", "viscoelastic"), heldout=None)
-    ran = drupe("explain", case)
-    assert ran.status == 0
+    ran = drupe("explain", case, status=0)
     assert "cannot distinguish viscoelastic or clock lag" in ran.out.splitlines()[0]
     assert "nothing confirms the answer" in ran.out
     assert "note: There is only one recording" in ran.out
@@ -105,9 +108,7 @@ def test_no_frames_in_the_air_is_noted(drupe, finder, case):
                 file[f"pads/{pad}/{name}"] = values
 
     change(case / "grasp-2.h5", cut)
-    ran = drupe("explain", case)
-    assert ran.status == 0, ran.err
-    assert "note: grasp-2: no frame before first contact" in ran.out
+    assert "note: grasp-2: no frame before first contact" in drupe("explain", case, status=0).out
 
 
 def silent(file):
@@ -117,8 +118,7 @@ def silent(file):
 
 def test_a_recording_of_zero_force_is_left_out_and_said_so(drupe, finder, case):
     change(case / "grasp-2.h5", silent)
-    ran = drupe("explain", case)
-    assert ran.status == 0, ran.err
+    ran = drupe("explain", case, status=0)
     assert "note: not used: grasp-2.h5: both pads' force is dead" in ran.out, ran.out
     assert len(finder["case"].grasps) == 1
 
@@ -173,8 +173,7 @@ BAD = {
 def test_a_bad_case_is_refused_in_one_line(drupe, finder, case, tmp_path, name):
     spoil, status, said = BAD[name]
     spoil(case)
-    ran = drupe("explain", case, "--json", tmp_path / "a.json")
-    assert ran.status == status, ran.err
+    ran = drupe("explain", case, "--json", tmp_path / "a.json", status=status)
     line = ran.last_line_error()
     for words in said:
         assert words in line, line
@@ -191,15 +190,12 @@ def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, 
         ((case, "--fruit", "N1"), "but --fruit applies to batches"),
         ((case, "--apply"), "--apply writes into a batch's settings"),
     ):
-        ran = drupe("explain", *arguments)
-        assert ran.status == 2
-        assert words in ran.last_line_error()
+        assert words in drupe("explain", *arguments, status=2).last_line_error()
 
 
 def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):
     (case / "case.toml").write_text(SETTINGS + 'recorded_by = "MK"\n')
-    ran = drupe("explain", case)
-    assert ran.status == 0
+    ran = drupe("explain", case, status=0)
     assert 'drupe does not know the key "recorded_by" and ignored it' in ran.out
 
 
@@ -232,3 +228,132 @@ def test_an_E_that_the_category_cannot_have_is_doubted(
     assert f"doubt: {words}" in done.out
     assert written["doubts"][0].startswith(words)
     assert words in (tmp_path / "a.html").read_text()
+
+
+def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, finder, batch):
+    finder["answer"] = fake_explanation(verdict="sensor_gain", ranking=(GAIN, *OTHERS))
+    ran = drupe("explain", batch / "fruits" / "N01", "--apply", status=0)
+    assert "batch.toml now holds sensor_gain for every fruit of the batch" in ran.out
+    text = (batch / "batch.toml").read_text()
+    assert text.startswith('# ours\ncategory = "nectarine"\npoisson_ratio = 0.45\n')
+    kept = json.loads((batch / "results" / "fruits" / "N01" / "mismatch.json").read_text())
+    assert (kept["verdict"], len(kept["key"])) == ("sensor_gain", 64)
+    again = drupe("explain", batch, "--fruit", "N01", "--apply")
+    assert "already contain effects (sensor_gain)" in again.out
+    assert (batch / "batch.toml").read_text() == text
+
+
+def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, batch):
+    finder["answer"] = fake_explanation(verdict="unknown")
+    before = (batch / "batch.toml").read_text()
+    ran = drupe("explain", batch, "--fruit", "N01", "--apply", status=0)
+    assert "Not applied: the cause is unknown" in ran.out
+    assert (batch / "batch.toml").read_text() == before
+
+
+def test_a_batch_needs_to_be_told_which_fruit(drupe, finder, batch):
+    assert "--fruit (N01)" in drupe("explain", batch).last_line_error()
+    unknown = drupe("explain", batch, "--fruit", "N1").last_line_error()
+    assert unknown.endswith('has no fruit "N1"; did you mean "N01"? known fruit: N01.')
+
+
+def test_of_many_fruit_the_nearest_are_named_and_the_others_counted():
+    fruit = [f"{tree}-{k:02d}" for tree in ("A", "B") for k in range(50)]
+    said = known_names("B-7", fruit, "fruit", "fruit")
+    assert said.startswith('did you mean "B-')
+    named, _, others = said.removesuffix(" more.").partition("known fruit: ")[2].partition(" and ")
+    assert all(name.startswith("B-") for name in named.split(", "))
+    assert len(named.split(", ")) + int(others) == len(fruit)
+
+
+def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
+    with (batch / "batch.toml").open("a") as file:
+        file.write('[[mismatch]]\neffect = "pit_size"\nparameters = { scale = 0.8 }\nfruits = ["N1"]\n')
+    line = drupe("grade", batch).last_line_error()
+    assert 'pit_size names fruit "N1", which is not in fruits.csv; did you mean "N01"?' in line
+
+
+TRAVEL = np.concatenate([np.zeros(20), np.linspace(0, 3, 80), np.full(60, 3.0)])
+
+
+def ball(path, indenter="ball"):
+    force = 1.2 * np.maximum(TRAVEL - 0.4, 0.0) ** 1.5
+    force = force + np.random.default_rng(1).normal(0, 0.004, len(TRAVEL))
+    pose = np.tile(np.eye(4), (len(TRAVEL), 1, 1))
+    pad = IndenterPad(name="tip", pose=pose, force_z_N=force, indenter=indenter, radius_mm=5.0)
+    what = {"fruit_id": "slab", "category": "silicone", "loading": "press", "support": "base"}
+    time_s = np.linspace(0.0, 20.0, len(TRAVEL))
+    write_recording(path, Recording(**what, sensor="rig", time_s=time_s, aperture_mm=TRAVEL, pads=(pad,)))
+
+
+@pytest.fixture
+def handed(monkeypatch):
+    """What is handed to the finder of curves, whose place is taken."""
+    handed = {}
+
+    def explain_trace(trace, **rest):
+        handed.update(rest, trace=trace)
+        return SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=()))
+
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "explain_trace", explain_trace)
+    return handed
+
+
+def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, handed, tmp_path):
+    folder = tmp_path / "slab"
+    folder.mkdir()
+    (folder / "case.toml").write_text('category = "silicone"\npoisson_ratio = 0.45\nthickness_mm = 12.0\n')
+    ball(folder / "press.h5")
+    drupe("explain", folder, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html", status=0)
+    assert (handed["thickness_mm"], handed["poisson_ratio"]) == (12.0, 0.45)
+    assert handed["trace"].geometry.radius_mm == 5.0
+    assert handed["trace"].travel_mm[-1] == 3.0
+    ball(folder / "second.h5")
+    assert drupe("explain", folder).status == 0
+    assert len(handed["trace"].parts) == 2
+    assert handed["trace"].parts[1].travel_mm[-1] == 3.0
+    ball(folder / "second.h5", "flat")
+    said = drupe("explain", folder).last_line_error()
+    assert (
+        "second.h5: has the geometry flat punch of radius 5 mm, but press.h5 has ball of radius 5 mm" in said
+    )
+
+
+def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(drupe, batch, handed, tmp_path):
+    """As of a grasp: its fruit's E would be in doubt."""
+    grasps = batch / "fruits" / "N01" / "grasps"
+    for path in grasps.iterdir():
+        path.unlink()
+    ball(grasps / "press.h5")
+    drupe("explain", batch, "--fruit", "N01", "--json", tmp_path / "a.json", status=0)
+    said = 'press.h5: attribute fruit_id: found "slab", expected "N01", and fruits.csv has no "slab"'
+    assert any(note.startswith(said) for note in json.loads((tmp_path / "a.json").read_text())["notes"])
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    """One recording, and another that is a little stronger."""
+    first = read_recording(DATA / "grasp.h5")
+    pads = tuple(replace(pad, force_N=1.002 * pad.force_N) for pad in first.pads)
+    return [first, replace(first, pads=pads)]
+
+
+def test_the_finder_gets_the_arrays_and_its_answer_comes_back(finder, recordings):
+    mesh, pit = read_mesh(DATA / "fruit.ply"), read_mesh(DATA / "pit.ply")
+    mismatch = explain(mesh, recordings, pit=pit, nu=0.42, category="nectarine")
+    answer = fake_explanation()
+    assert finder["case"].poisson_ratio == 0.42
+    assert [grasp.name for grasp in finder["case"].grasps] == ["recording-1", "recording-2"]
+    assert (mismatch.E_MPa, mismatch.E_without_MPa) == (answer.after.value, answer.before.value)
+    assert mismatch.candidates["effect"].tolist() == [candidate.effect for candidate in answer.ranking]
+    assert np.isfinite(mismatch.candidates["probability"]).all()
+    assert mismatch.answer["format"] == "drupe-mismatch"
+    assert mismatch.sentence
+
+
+def test_a_fruit_of_a_batch_is_explained_with_the_batchs_settings(finder, batch):
+    mismatch = explain_fruit(batch, "N01")
+    assert finder["case"].poisson_ratio == 0.45
+    assert mismatch.answer["case"] == "N01"
+    with pytest.raises(DrupeError, match='has no fruit "N1"; did you mean "N01"'):
+        explain_fruit(batch, "N1")

@@ -1,24 +1,31 @@
-"""What a run says and keeps of fruit whose numbers cannot be, or whose modulus does not count."""
+"""What a run says and keeps of fruit, and reports anew from what it kept."""
 
 import html
 import json
 import math
+from dataclasses import fields
 from datetime import UTC, datetime
 
 import pytest
-from graded_results import graded, rows, work_at_once, written
+from graded_results import graded, results_of, rows, work_at_once, written
 from rich.console import Console
-from small_batches import batch_of_balls, write_ball
+from small_batches import CLASSES, batch_of_balls, empty_batch, write_ball
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
+from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import ScreenRecord, read_record, write_record
+from pipeline.batch.task import fruit_task
+from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
+from pipeline.ranking.report_entries import _QUALITY, _flat, _shown
 from pipeline.run import grading as grading
 from pipeline.run import reporting
 from pipeline.run.batch_run import BatchRun, GradeOptions
+from pipeline.run.fruit_queue import ended_record
 from pipeline.run.reporting import ReportPace, report_so_far
+from recon.checks.quality import ReconQuality
 from reports.grasp_record import GraspRecord
 
 SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
@@ -123,12 +130,12 @@ def test_a_recording_of_two_fruit_is_doubted_in_table_page_and_record_while_both
     assert (rows["A"]["doubts"], float(rows["A"]["E_sd_MPa"])) == ("", 0.02)
 
 
-CLASSES = '[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.9\n[[grading.classes]]\nname = "firm"\n'
+TWO_CLASSES = '[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.9\n[[grading.classes]]\nname = "firm"\n'
 
 
 def test_a_fruit_whose_E_is_in_doubt_has_no_class_and_the_others_have(batch, run):
     """0.5 of 0.02 MPa below a limit of 0.9: sure by its error bar, which does not cover what is doubted."""
-    status, _, rows = run(SOUND, CLASSES)
+    status, _, rows = run(SOUND, TWO_CLASSES)
     assert status == 4
     assert (rows["A"]["maturity"], float(rows["A"]["maturity_probability"])) == ("soft", pytest.approx(1.0))
     assert [rows["B"][name] for name in ("maturity", "maturity_probability", "doubts")] == ["", "", "a pit"]
@@ -234,3 +241,144 @@ def test_reports_while_a_run_goes_on_take_a_hundredth_of_its_time():
     for later, due in ((1.0, False), (4.0, False), (6.0, True)):  # 0.05 s are 1 % of 5 s
         now[0] = 200.05 + later
         assert pace.due() is due
+
+
+@pytest.fixture
+def kept_batch(tmp_path):
+    return batch_of_balls(tmp_path / "batch", "A", "B")
+
+
+@pytest.fixture
+def results(kept_batch):
+    return results_of(kept_batch / "results", [graded("A", 0.3), graded("B", 0.8)])
+
+
+def test_classes_of_now_are_in_the_report_anew(drupe, kept_batch, results):
+    assert drupe("report", results).status == 0
+    assert rows(results)["A"]["maturity"] == ""
+    (kept_batch / "batch.toml").write_text(CLASSES)
+    assert drupe("report", results).status == 0
+    assert {name: row["maturity"] for name, row in rows(results).items()} == {"A": "soft", "B": "firm"}
+    assert {name: row["decision"] for name, row in rows(results).items()} == {"A": "ship", "B": "hold"}
+    assert "Started 2026-08-10 12:00:00 UTC" in (results / "report.html").read_text()
+    table = json.loads((results / "ranking.json").read_text())
+    assert [row["fruit_id"] for row in table] == ["A", "B"]
+    assert [row["E_MPa"] for row in table] == [float(row["E_MPa"]) for row in rows(results).values()]
+
+
+@pytest.mark.parametrize(
+    ("setting", "decision"),
+    [
+        ("", "inspect"),
+        ("inspect_below_p = 1e-50", "ship"),
+        ("inspect_below_p = 0.5\ncertainty = 0.99", "inspect"),
+    ],
+)
+def test_settings_of_now_decide_and_the_reason_is_on_page_and_terminal(drupe, kept_batch, setting, decision):
+    skin = {"effect": "skin", "E_ratio": 1.2, "added_sd": 0.02}
+    screen = {"p_value": 6e-41, "names": ("skin",), "suspected": (skin,)}
+    screened = graded("A", 0.3, sd=1 / 30).model_copy(update={"screen": ScreenRecord.model_validate(screen)})
+    results = results_of(kept_batch / "results", [screened, graded("B", 0.8)])
+    (kept_batch / "batch.toml").write_text(CLASSES.replace("\n", f"\n[grading]\n{setting}\n", 1))
+    done = drupe("report", results)
+    assert rows(results)["A"]["decision"] == decision
+    reason = (
+        "missing physics suspected: skin (p = 6.0e-41), E is 0.300 ± 0.010 MPa (soft) without it and 0.360 ± "
+        "0.014 MPa (soft) with it"
+    )
+    for said in (
+        rows(results)["A"]["decision_reason"],
+        done.out.replace("\u00a0", " "),
+        (results / "report.html").read_text().replace("\u00a0", " "),
+    ):
+        assert (reason in said) == (decision == "inspect")
+
+
+def test_a_batch_of_which_no_class_is_shipped_says_so(drupe, kept_batch, results):
+    (kept_batch / "batch.toml").write_text(CLASSES.replace("0.5\n", "0.5\nship = false\n"))
+    assert "no class is shipped, so all fruit are held" in drupe("report", results).out
+    assert {row["decision"] for row in rows(results).values()} == {"hold"}
+    assert "No class is shipped" in (results / "report.html").read_text()
+
+
+def test_fruit_that_were_graded_without_a_row_are_in_the_report_and_stray_folders_are_not(
+    drupe, kept_batch, results
+):
+    (kept_batch / "fruits.csv").write_text("fruit_id\nA\n")
+    (kept_batch / "fruits" / "stray").mkdir()
+    assert drupe("report", results).status == 0
+    assert set(rows(results)) == {"A", "B"}
+
+
+def test_of_an_interrupted_run_the_page_says_so(drupe, kept_batch):
+    results = results_of(kept_batch / "results", [graded("A", 0.3)], status=130)
+    assert "some fruit are not graded yet" in drupe("report", results, status=3).out
+    assert "Interrupted:</b> 1 of 2 fruit" in (results / "report.html").read_text()
+
+
+def test_a_batch_that_moved_is_named(drupe, kept_batch, results, tmp_path):
+    moved = tmp_path / "elsewhere"
+    kept = tmp_path / "kept"
+    results.rename(kept)
+    kept_batch.rename(moved)
+    assert "which does not exist; give the batch with --batch" in drupe("report", kept, status=2).err
+    assert drupe("report", kept, "--batch", moved).status == 0
+
+
+def test_what_is_no_result_is_refused(drupe, kept_batch, results):
+    ran = drupe("report", kept_batch, status=2)
+    assert "contains no results of drupe grade (batch.json); did you mean" in ran.err
+
+
+def test_results_that_do_not_exist_are_those_that_were_likely_meant(drupe, results):
+    ran = drupe("report", results.with_name(f"{results.name}x"), status=2)
+    assert f'{results.name}x: does not exist; did you mean "{results.name}"?' in ran.err
+
+
+def test_every_measure_of_a_mesh_has_words():
+    assert {field.name for field in fields(ReconQuality)} == set(_QUALITY)
+
+
+def test_settings_are_written_as_a_reader_does():
+    settings = {
+        "recon": {"fruit_model": True, "providers": ["CPU", "GPU"]},
+        "mismatch": [],
+        "grading": {"classes": [{"name": "ripe", "E_max_MPa": 0.3}, {"name": "firm"}]},
+    }
+    assert _flat(settings) == [
+        ("recon.fruit_model", "yes"),
+        ("recon.providers", "CPU, GPU"),
+        ("mismatch", "none"),
+        ("grading.classes 1: name", "ripe"),
+        ("grading.classes 1: E_max_MPa", "0.3"),
+        ("grading.classes 2: name", "firm"),
+    ]
+
+
+def test_figures_have_three_digits_and_switches_are_words():
+    assert [_shown(value) for value in (0.012345, 1861.4, 24, False)] == ["0.0123", "1861", "24", "no"]
+
+
+@pytest.fixture
+def task(tmp_path):
+    root = empty_batch(tmp_path / "monday", "A", table="fruit_id,height_mm\nA,56\n")
+    return fruit_task(open_batch(root), "A", Results(root / "results"))
+
+
+def test_the_fruits_own_files_are_named_from_the_batchs_folder_on(task):
+    reason = grade_fruit(task, lambda _: None).reason
+    assert reason.startswith("fruits/A holds neither photos nor fruit.ply")
+    task.folder.fruit_ply.write_text("ply of nothing")
+    assert grade_fruit(task, lambda _: None).reason.startswith("fruits/A/fruit.ply is broken")
+
+
+def test_a_file_outside_the_batch_keeps_its_whole_path(task, tmp_path):
+    inside, outside = task.batch_root / "results" / "one.png", f"/mnt{task.batch_root}/one.png"
+    said = ended_record(task, Outcome.NOT_WRITTEN, f"{outside} and {inside}: No space left on device.").reason
+    assert f"{outside} and results/one.png: No space" in said
+
+
+@pytest.mark.parametrize("before", ["", "of ", "(", '"', "'", "[", "`", "file:", "path=", "['"])
+def test_a_file_is_named_from_the_folder_on_whatever_mark_stands_before_it(task, before):
+    said = task.named_in_batch(f"{before}{task.batch_root}/fruits/A/one.png")
+    assert said == f"{before}fruits/A/one.png"

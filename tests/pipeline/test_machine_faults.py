@@ -1,27 +1,32 @@
-"""Full disks, little memory, killed runs and clocks that are set: the machine's faults, and how they end."""
+"""The machine: full disks, killed runs, interruptions, a stranger's current folder, missing libraries."""
 
 import errno
 import fcntl
 import os
 import pickle
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 import pytest
-from small_batches import python
+from small_batches import batch_of_balls, python
 
 from pipeline import cli
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.scratch import PREFIX, scratch
+from pipeline.exit_status import INTERRUPTED
 from pipeline.files.limited_memory import free_memory_MiB
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner
 from pipeline.run.batch_run import GradeOptions
 from pipeline.run.memory import jobs_that_fit
+from pipeline.system_libraries import missing_libraries
 
 
 @pytest.mark.parametrize(
@@ -236,3 +241,206 @@ def test_a_stop_that_a_library_takes_for_an_error_of_its_own_is_an_interruption(
         signal.signal(number, before)
     assert ended.value.code == 130
     assert capsys.readouterr().err == "drupe: interrupted\n"
+
+
+ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
+LOG = """
+import os, sys
+def audited(event, arguments):
+    if event == "import":
+        handle = os.open(os.environ["IMPORTS"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        os.write(handle, (arguments[0].split(".")[0] + "\\n").encode())
+        os.close(handle)
+sys.addaudithook(audited)
+"""
+MODULE = "import os\nopen(os.environ['MARKS'], 'a').write({name!r} + '\\n')\nraise ImportError({name!r})\n"
+LIBRARIES = ("libEGL.so.1", "libtbb.so.12", "libtbbmalloc.so.2", "libm.so.6", "libstdc++.so.6", "libz.so.1")
+RC = "text.usetex: True\nbackend: module://foreign_backend\n"
+
+
+def drupe(folder, *arguments, start=(), **environment):
+    """Runs the installed command's own lines, a script that lies elsewhere, in the folder `folder`."""
+    left_out = {"PYTHONSAFEPATH", "LD_LIBRARY_PATH"}  # OpenCV, imported by a test, sets the latter
+    clean = {name: value for name, value in os.environ.items() if name not in left_out}
+    return subprocess.run(
+        [sys.executable, *start, *arguments],
+        cwd=folder,
+        env={**clean, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture
+def entry(tmp_path):
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "drupe").write_text(ENTRY)
+    return tmp_path / "bin" / "drupe"
+
+
+@pytest.mark.slow
+def test_no_module_library_or_setting_of_the_current_folder_is_used(tmp_path, entry):
+    """A ball that nobody grasped; every name that the command and a fruit's process ask for is put there."""
+    (tmp_path / "hooks").mkdir()
+    (tmp_path / "hooks" / "sitecustomize.py").write_text(LOG)
+    honest, stranger, imports, marks = (tmp_path / n for n in ("honest", "stranger", "imports", "marks"))
+    batch_of_balls(honest, "ball")
+    asked = drupe(tmp_path, entry, "grade", honest, PYTHONPATH=str(tmp_path / "hooks"), IMPORTS=str(imports))
+    assert asked.returncode == 3, asked.stderr
+    assert "no-grasp" in asked.stderr
+    names = {name for name in imports.read_text().split("\n") if name.isidentifier()}
+    assert {"pickle", "numpy", "matplotlib", "pebble", "scipy", "pipeline"} <= names
+
+    batch_of_balls(stranger, "ball")
+    for name in names | {"sitecustomize", "usercustomize", "foreign_backend"}:
+        (stranger / f"{name}.py").write_text(MODULE.format(name=name))
+    (stranger / "evil.pth").write_text("import pickle\n")
+    (stranger / "matplotlibrc").write_text(RC)
+    for name in LIBRARIES:
+        (stranger / name).write_bytes(b"no library")
+    marked = {"MARKS": str(marks)}
+    ran = drupe(stranger, entry, "grade", ".", **marked)
+    assert not marks.exists(), marks.read_text()
+    assert ran.returncode == 3, ran.stderr
+    assert "no-grasp" in ran.stderr
+    ran = drupe(stranger, entry, "explain", ".", "--fruit", "ball", **marked)
+    assert "holds no recording" in ran.stderr
+
+
+def test_a_current_folder_that_pythonpath_names_is_the_users_own_word(tmp_path):
+    shown = "import sys, pipeline.safe_start; print(*sys.path, sep='|')"
+    (tmp_path / "shown.py").write_text(shown)
+    (tmp_path / "here").mkdir()
+    here = tmp_path / "here"
+    for said in (str(here), "."):
+        ran = drupe(here, tmp_path / "shown.py", PYTHONPATH=said)
+        assert str(here) in ran.stdout.strip().split("|"), ran.stderr
+
+
+def test_started_as_a_module_no_library_comes_from_the_current_folder(tmp_path):
+    for name in ("typer", "rich", "numpy"):
+        (tmp_path / f"{name}.py").write_text(MODULE.format(name=name))
+    ran = drupe(tmp_path, "--version", start=("-m", "pipeline"), MARKS=str(tmp_path / "marks"))
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith("drupe ")
+    assert not (tmp_path / "marks").exists()
+
+
+ABSENT = (
+    "import sys; sys.modules.update(dict.fromkeys(['pycolmap', 'pymetis', 'pymeshlab', 'fcntl'][:{count}]))\n"
+)
+
+
+def ran(code: str, *, absent: int = 3) -> subprocess.CompletedProcess[str]:
+    """A Python of its own, in which imports of the first `absent` packages fail."""
+    return python(ABSENT.format(count=absent) + code)
+
+
+def test_doctor_grades_the_known_ball_and_names_what_is_absent():
+    done = ran("sys.argv = ['drupe', 'doctor']; from pipeline.start import main; main()")
+    assert done.returncode == 0, done.stderr
+    assert "optional library pycolmap does not load" in done.stdout
+    assert "optional library pymetis does not load" in done.stdout
+    assert done.stdout.endswith("all well\n")
+
+
+def test_photos_of_the_mat_are_placed_without_pycolmap():
+    done = ran("import recon.cameras.mat_poses; assert 'recon.cameras.motion' not in sys.modules")
+    assert done.returncode == 0, done.stderr
+
+
+def test_windows_is_refused_in_a_sentence():
+    code = "sys.platform = 'win32'; import pipeline.start"
+    done = ran(code, absent=4)
+    assert done.returncode == 2
+    assert done.stderr.startswith("drupe: this machine: Windows is not supported")
+    assert done.stderr.count("\n") == 1
+
+
+def test_nothing_is_said_where_all_libraries_are_there():
+    assert missing_libraries({"libc.so.6": ("libc6", "everything")}) == []
+
+
+def test_a_missing_library_is_named_with_its_package():
+    (sentence,) = missing_libraries({"libnowhere.so.9": ("libnowhere9", "Open3D")})
+    assert "libnowhere.so.9 is missing" in sentence
+    assert "apt-get install -y --no-install-recommends libnowhere9" in sentence
+
+
+LOADING = """
+import os, signal
+from pipeline.interruption import ended_like_ctrl_c, held_back
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+try:
+    with ended_like_ctrl_c(), held_back():
+        os.kill(os.getpid(), signal.{name})
+        print("loaded", flush=True)
+    print("works", flush=True)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+WORKING = """
+import os, signal
+from pipeline.interruption import ended_like_ctrl_c
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+with ended_like_ctrl_c() as came:
+    for _ in range(2):
+        try:
+            os.kill(os.getpid(), signal.{name})
+            print("goes on", flush=True)
+        except KeyboardInterrupt:
+            print("interrupted", came == [signal.{name}], flush=True)
+"""
+
+
+def _ended(script: str) -> tuple[int, str, str]:
+    done = python(script)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP", "SIGTERM"])
+def test_an_interruption_while_libraries_load_waits_until_they_are_loaded(name):
+    assert _ended(LOADING.format(name=name)) == (0, "loaded\ninterrupted\n", "")
+
+
+@pytest.mark.parametrize(("name", "number"), [("SIGTERM", 15), ("SIGHUP", 1)])
+def test_a_second_signal_ends_the_work_at_once(name, number):
+    assert _ended(WORKING.format(name=name)) == (-number, "interrupted True\n", "")
+
+
+WHEN = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["drupe", "new", "nowhere"]
+import pipeline.start
+pipeline.start.main()
+"""
+
+
+@pytest.mark.parametrize("module", ["gc", "pipeline.lack_of_memory", "typer", "pipeline.cli", "rich"])
+def test_an_early_ctrl_c_ends_the_command_without_a_traceback(module):
+    assert _ended(WHEN.format(module=module)) == (INTERRUPTED, "", "drupe: interrupted\n")
+
+
+def test_a_command_at_work_says_that_it_was_interrupted(drupe):
+    with mock.patch("pipeline.history.lot_quality.sampling_plan", side_effect=KeyboardInterrupt):
+        ran = drupe("plan")
+    assert (ran.status, ran.out, ran.err) == (INTERRUPTED, "", "drupe: interrupted\n")
+
+
+def test_an_ignored_ctrl_c_stays_ignored():
+    script = """
+import signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+import pipeline.start
+print(signal.getsignal(signal.SIGINT) == signal.SIG_IGN)
+"""
+    assert _ended(script) == (0, "True\n", "")

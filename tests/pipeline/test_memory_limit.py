@@ -1,5 +1,6 @@
 """The limit on a process's memory: blocks in several threads, and after a fork."""
 
+import re
 import resource
 import sys
 import threading
@@ -112,16 +113,14 @@ def test_a_limit_of_the_user_is_not_widened():
     assert limit() == user_limit
 
 
-def test_a_trial_has_its_own_limit_beside_a_tighter_block():
+@pytest.mark.parametrize(
+    ("of_block", "of_trial", "exceeded", "lines"),
+    [(100 * MIB, 4 * GIB, "", (str(GIB),)), (4 * GIB, 100 * MIB, ".+of memory", ())],
+)
+def test_a_trial_has_its_own_limit_beside_a_tighter_or_wider_block(of_block, of_trial, exceeded, lines):
     """The block's thread is not in the process of the trial."""
-    block = Block(100 * MIB).begun()
-    trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=4 * GIB)
+    block = Block(of_block).begun()
+    trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=of_trial)
     block.end()
-    assert (trial.exceeded, trial.lines) == ("", (str(GIB),))
-
-
-def test_a_trial_has_its_own_limit_beside_a_wider_block():
-    block = Block(4 * GIB).begun()
-    trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=100 * MIB)
-    block.end()
-    assert trial.exceeded.endswith("of memory")
+    assert re.fullmatch(exceeded, trial.exceeded), trial.exceeded
+    assert trial.lines == lines

@@ -50,8 +50,7 @@ def test_the_schema_is_the_reader_s():
     assert set(schema["properties"]) == set(Settings.model_fields)
     published = Path(__file__).parents[2] / "docs" / "batch.schema.json"
     assert json.loads(published.read_text()) == schema, "write it anew: drupe schema > docs/batch.schema.json"
-    classes = schema["$defs"]["GradingClass"]["properties"]
-    assert set(classes) == {"name", "E_max_MPa", "ship"}
+    assert set(schema["$defs"]["GradingClass"]["properties"]) == {"name", "E_max_MPa", "ship"}
 
 
 @pytest.fixture
@@ -69,8 +68,7 @@ def photos(tmp_path):
 
 def test_photos_become_a_batch_and_what_is_missing_is_said(drupe, photos, tmp_path):
     before = sorted((path, path.stat().st_mtime_ns) for path in photos.rglob("*"))
-    made = drupe("new", tmp_path / "batch", "--photos", photos)
-    assert made.status == 0
+    made = drupe("new", tmp_path / "batch", "--photos", photos, status=0)
     assert "2 fruit, 17 photos, 0 recordings" in made.out
     assert "missing: photos: Mühle 1 has fewer than 12" in made.out
     assert "missing: scale: write height_mm" in made.out
@@ -126,8 +124,9 @@ def earlier(tmp_path):
 
 
 def test_a_batch_like_an_earlier_one_has_its_settings_but_those_of_the_day(drupe, earlier, photos, tmp_path):
-    made = drupe("new", tmp_path / "tuesday", "--like", earlier, "--lot", 'H-08 "b"', "--photos", photos)
-    assert made.status == 0
+    made = drupe(
+        "new", tmp_path / "tuesday", "--like", earlier, "--lot", 'H-08 "b"', "--photos", photos, status=0
+    )
     written = tomllib.loads((tmp_path / "tuesday" / "batch.toml").read_text("utf-8"))
     expected = tomllib.loads(EARLIER)
     for name in ("measured_on", "pulp_temperature_C", "temperature", "mismatch"):
@@ -153,8 +152,7 @@ def test_a_batch_like_an_earlier_one_has_its_settings_but_those_of_the_day(drupe
 
 
 def test_a_file_outside_the_earlier_batch_is_named_where_it_means_another(drupe, earlier, tmp_path):
-    settings = EARLIER.replace('"rig.toml"', '"../rig.toml"')
-    (earlier / "batch.toml").write_text(settings, "utf-8")
+    (earlier / "batch.toml").write_text(EARLIER.replace('"rig.toml"', '"../rig.toml"'), "utf-8")
     assert "../rig.toml" not in drupe("new", tmp_path / "beside", "--like", earlier).out
     (tmp_path / "deeper").mkdir()
     made = drupe("new", tmp_path / "deeper" / "tuesday", "--like", earlier)
@@ -168,8 +166,7 @@ def test_a_link_out_of_the_earlier_batch_is_named_and_not_copied(drupe, earlier,
     (tmp_path / "private" / "rig.toml").write_text("secret")
     named = "rigs/rig.toml" if link == "rigs" else link
     if link == "rigs":
-        settings = EARLIER.replace('"rig.toml"', '"rigs/rig.toml"')
-        (earlier / "batch.toml").write_text(settings, "utf-8")
+        (earlier / "batch.toml").write_text(EARLIER.replace('"rig.toml"', '"rigs/rig.toml"'), "utf-8")
     (earlier / link).unlink(missing_ok=True)
     (earlier / link).symlink_to(tmp_path / "private" / ("" if link == "rigs" else "rig.toml"))
     made = drupe("new", tmp_path / "tuesday", "--like", earlier)
@@ -178,8 +175,7 @@ def test_a_link_out_of_the_earlier_batch_is_named_and_not_copied(drupe, earlier,
 
 
 def test_lot_and_cultivar_are_in_the_template(drupe, photos, tmp_path):
-    made = drupe("new", tmp_path / "b", "--photos", photos, "--lot", "H-08", "--cultivar", "Big\\Top")
-    assert made.status == 0
+    drupe("new", tmp_path / "b", "--photos", photos, "--lot", "H-08", "--cultivar", "Big\\Top", status=0)
     written = tomllib.loads((tmp_path / "b" / "batch.toml").read_text("utf-8"))
     assert written == {"category": "nectarine", "lot": "H-08", "cultivar": "Big\\Top"}
 
@@ -227,8 +223,7 @@ def test_what_no_batch_can_be_made_of_is_said(drupe, photos, tmp_path, monkeypat
     (tmp_path / "empty").mkdir()
     shutil.copytree(photos / "N2", tmp_path / "odd" / "-x")
     shutil.copytree(photos / "N2", tmp_path / "photos")
-    ran = drupe("new", *arguments)
-    assert ran.status == 2
+    ran = drupe("new", *arguments, status=2)
     assert said in ran.err
     assert "drupe: drupe" not in ran.err
     assert not (tmp_path / "new").exists()
@@ -237,15 +232,13 @@ def test_what_no_batch_can_be_made_of_is_said(drupe, photos, tmp_path, monkeypat
 
 def test_grading_a_folder_of_photos_names_the_way_in(drupe, photos):
     for folder in (photos, photos / "N2"):
-        ran = drupe("grade", folder)
-        assert ran.status == 2
+        ran = drupe("grade", folder, status=2)
         assert "does not exist, but this folder has photos" in ran.err
         assert f"Create a batch with `drupe new BATCH --photos {folder}`" in ran.err
 
 
 def test_doctor_finds_the_known_answer_and_says_it_is_well(drupe, tmp_path):
-    ran = drupe("doctor", tmp_path)
-    assert ran.status == 0
+    ran = drupe("doctor", tmp_path, status=0)
     off = re.search(r"deviation ([+-][\d.]+) % from the closed form", ran.out)
     assert abs(float(off[1])) < 0.5
     assert ran.out.endswith("all well\n")
@@ -253,13 +246,10 @@ def test_doctor_finds_the_known_answer_and_says_it_is_well(drupe, tmp_path):
 
 def test_doctor_says_what_is_wrong(drupe, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.run.machine_check.known_answer_error", lambda: 0.2)
-    ran = drupe("doctor", tmp_path)
-    assert ran.status == 1
+    ran = drupe("doctor", tmp_path, status=1)
     assert "wrong: finite elements deviate by +20.0 % from a closed form" in ran.out
     monkeypatch.setattr("pipeline.run.machine_check.free_memory_MiB", lambda: 100.0)
-    ran = drupe("doctor", tmp_path)
-    assert ran.status == 2
-    assert "missing: memory: 100 MiB free" in ran.out
+    assert "missing: memory: 100 MiB free" in drupe("doctor", tmp_path, status=2).out
 
 
 def test_schema_is_printed_as_json(drupe):

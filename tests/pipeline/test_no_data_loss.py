@@ -1,9 +1,14 @@
-"""No command writes onto, into or above what it reads, nor over a file that it did not write."""
+"""No command writes onto what it reads, nor over files of others; two writers wait for each other."""
 
+import errno
+import fcntl
 import hashlib
 import json
+import multiprocessing
 import os
 import shutil
+import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -12,8 +17,9 @@ import pytest
 from small_batches import contents, empty_batch
 
 from pipeline.batch.layout import FruitResults, Results, write_whole
-from pipeline.batch.write_guard import same_place
-from pipeline.files.manifest import NotOurs, in_the_way, json_in
+from pipeline.batch.write_guard import LOCK, is_held, require_made_by_drupe, results_lock, same_place
+from pipeline.files.manifest import LIST_LOCK, NotOurs, in_the_way, json_in, writing_alone
+from pipeline.problem import BatchRefused
 
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
 PRECIOUS = b"the only copy"
@@ -39,8 +45,7 @@ def refused(drupe, tmp_path):
 
     def run(*arguments):
         before = contents(tmp_path)
-        ran = drupe(*arguments)
-        assert ran.status == 2, ran.err
+        ran = drupe(*arguments, status=2)
         assert "Traceback" not in ran.err
         assert contents(tmp_path) == before
         return ran.err
@@ -91,8 +96,7 @@ def test_a_link_inside_the_results_is_never_written_through(refused, batch, tmp_
     (out / "fruits").mkdir(parents=True)
     Results(out).claim()
     (out / "ranking.csv").symlink_to(precious)
-    said = refused("grade", batch, "--out", out)
-    assert "ranking.csv: is a link" in said
+    assert "ranking.csv: is a link" in refused("grade", batch, "--out", out)
     (out / "ranking.csv").unlink()
     shutil.copytree(batch / "fruits" / "N01", tmp_path / "mine", ignore=shutil.ignore_patterns("p*os", "gr*"))
     (out / "fruits" / "N01").symlink_to(tmp_path / "mine")
@@ -127,8 +131,7 @@ def test_a_file_in_the_way_is_found_before_fruit_are_worked_on(refused, batch, t
     Results(out).claim()
     write_whole(out / name, "drupe's")
     (out / name).write_bytes(PRECIOUS)
-    said = refused("grade", batch, "--out", out)
-    assert f"{out / name}: was changed since drupe wrote it" in said
+    assert f"{out / name}: was changed since drupe wrote it" in refused("grade", batch, "--out", out)
 
 
 @pytest.mark.parametrize("name", ["batch.toml", "grasp-1.h5", "notes.txt", "ranking.csv", "fruits/N01/x"])
@@ -264,8 +267,7 @@ def test_a_name_too_long_for_a_file_is_compared_as_any_other(tmp_path):
 def test_meshes_are_not_kept_in_or_around_the_case(refused, case, tmp_path, work):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "fruit.ply").write_bytes(PRECIOUS)
-    said = refused("explain", case, "--work", tmp_path / work)
-    assert "with --work" in said
+    assert "with --work" in refused("explain", case, "--work", tmp_path / work)
 
 
 def test_an_answer_of_a_batch_goes_nowhere_into_the_batch(refused, batch, tmp_path):
@@ -305,8 +307,7 @@ def test_a_sensors_description_is_never_calibrated_onto_itself_or_another_file(r
         assert "is not overwritten" in said
     within = ("calibrate", tmp_path / "sensor.toml", tmp_path / "press" / "log.csv", *options)
     assert "is read and never written into" in refused(*within)
-    folder = refused("calibrate", tmp_path / "sensor.toml", ".", *options)
-    assert "is a folder" in folder
+    assert "is a folder" in refused("calibrate", tmp_path / "sensor.toml", ".", *options)
     (tmp_path / "sensor.toml").write_text("a = " + "[" * 5000 + "]" * 5000)
     deep = refused("calibrate", tmp_path / "sensor.toml", "out.toml", *options)
     assert "is nested too deep" in deep
@@ -315,8 +316,7 @@ def test_a_sensors_description_is_never_calibrated_onto_itself_or_another_file(r
 def test_a_mat_takes_no_other_mats_place(drupe, refused, tmp_path):
     assert drupe("mat", tmp_path).status == 0
     assert drupe("mat", tmp_path).status == 0
-    said = refused("mat", tmp_path, "--cherry")
-    assert "mat.pdf: exists and is not this mat's mat.pdf" in said
+    assert "mat.pdf: exists and is not this mat's mat.pdf" in refused("mat", tmp_path, "--cherry")
     (tmp_path / "mat.pdf").unlink()
     assert "mat.json: exists" in refused("mat", tmp_path, "--cherry")
 
@@ -358,3 +358,102 @@ def test_what_drupe_wrote_is_read_whatever_its_size(tmp_path, monkeypatch):
     assert json_in(results.provenance) == content
     results.provenance.write_text(json.dumps({**content, "batch": "elsewhere"}))
     assert json_in(results.provenance) is None
+
+
+SPAWN = multiprocessing.get_context("spawn")
+
+
+def write_all(root, which, refused):
+    """The files of a fruit, again and again."""
+    fruit = FruitResults(root)
+    fruit.claim()
+    for k in range(20):
+        for path in (fruit.record, fruit.fruit_ply, fruit.picture):
+            try:
+                write_whole(path, f"{which} {k}")
+            except OSError as error:
+                refused.put(str(error))
+    refused.put("")
+
+
+def test_two_workers_on_one_fruit_refuse_each_other_nothing(tmp_path):
+    refused = SPAWN.Queue()
+    workers = [SPAWN.Process(target=write_all, args=(tmp_path, which, refused)) for which in range(2)]
+    for worker in workers:
+        worker.start()
+    said = []
+    while said.count("") < 2:
+        said.append(refused.get(timeout=60))
+    for worker in workers:
+        worker.join()
+    assert said == ["", ""]
+    assert not list(in_the_way(FruitResults(tmp_path).files))
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("record.json", "fruit.ply", "mesh.webp"),
+        *(".written.json", LIST_LOCK),
+    }
+
+
+def hold(lock, root, begun):
+    """Never lets go."""
+    with lock(root):
+        begun.set()
+        time.sleep(600)
+
+
+@contextmanager
+def held_by_another(lock, root):
+    """A process that holds the lock of a folder and does not end."""
+    begun = SPAWN.Event()
+    process = SPAWN.Process(target=hold, args=(lock, root, begun))
+    process.start()
+    assert begun.wait(60)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.join()
+
+
+def test_one_that_was_killed_holds_up_nobody(tmp_path):
+    FruitResults(tmp_path).claim()
+    with held_by_another(writing_alone, tmp_path):
+        pass
+    began = time.monotonic()
+    write_whole(tmp_path / "record.json", "new")
+    assert time.monotonic() - began < 5
+    assert not list(in_the_way(FruitResults(tmp_path).files))
+
+
+def test_without_locks_or_in_place_of_one_a_folder_it_is_written_all_the_same(tmp_path, monkeypatch):
+    def none(*_):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    with monkeypatch.context() as without:
+        without.setattr(fcntl, "flock", none)
+        FruitResults(tmp_path).claim()
+        write_whole(tmp_path / "record.json", "first")
+        with results_lock(tmp_path):
+            assert not is_held(tmp_path)
+    (tmp_path / LIST_LOCK).unlink()
+    (tmp_path / LIST_LOCK).mkdir()
+    write_whole(tmp_path / "record.json", "second")
+    assert (tmp_path / "record.json").read_text() == "second"
+
+
+@pytest.mark.parametrize("left", [LIST_LOCK, LOCK, "..written.json.drupe-part-0a1b2c3d"])
+def test_a_run_killed_as_it_began_leaves_a_folder_that_the_next_takes(tmp_path, left):
+    (tmp_path / left).touch()
+    require_made_by_drupe(tmp_path, "--out")
+
+
+def test_results_that_another_run_writes_are_refused_until_it_ends(tmp_path):
+    with held_by_another(results_lock, tmp_path):
+        assert is_held(tmp_path)
+        with (
+            pytest.raises(BatchRefused, match=r"another run is writing here and holds \.lock"),
+            results_lock(tmp_path),
+        ):
+            pass
+    with results_lock(tmp_path):
+        assert is_held(tmp_path)

@@ -1,9 +1,11 @@
-"""One fruit per process: a crash, a hang or an exception costs that fruit only."""
+"""One fruit per process, with its progress: a crash, a hang or an exception costs that fruit only."""
 
+import gc
 import logging
 import multiprocessing
 import os
 import pickle
+import platform
 import signal
 import subprocess
 import sys
@@ -14,10 +16,12 @@ from pathlib import Path
 
 import psutil
 import pytest
+from small_batches import python
 
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.run.runner import LocalPool
+from pipeline.run.runner import MOST_BYTES, LinesOf, LocalPool
 from pipeline.run.scheduling import Died, Finished, Noted, Progressed, TimedOut, run_on
+from pipeline.safe_start import uncollected
 
 
 def work(task, report):
@@ -312,3 +316,93 @@ def test_what_libraries_write_without_end_is_cut(tmp_path):
     assert sum(map(len, lines)) < 2**20 + 100
     assert lines[-1] == "libraries wrote more than 1 MiB; drupe left out the rest"
     assert held < 32 * 2**20
+
+
+DRAW_OR_MESH = ("open3d", "pyvista", "pytetwild", "matplotlib", "pymeshlab")
+FREED = """
+import os
+from pathlib import Path
+from pipeline.files.limited_memory import return_freed_memory
+
+def resident_MiB():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+blocks = [bytes(60_000) for _ in range(3000)]
+last = blocks.pop()
+blocks.clear()
+before = resident_MiB()
+return_freed_memory()
+print(before - resident_MiB())
+"""
+"""Blocks that are taken from the heap and lie below one in use; prints what goes back (MiB) of about 170."""
+
+
+def test_who_hands_out_fruit_imports_no_library_that_draws_or_meshes() -> None:
+    loaded = f"[name for name in {DRAW_OR_MESH} if sys.modules.get(name)]"
+    assert python(f"import sys, pipeline.run.grading; print({loaded})").stdout == "[]\n"
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps what is freed")
+def test_memory_that_a_stage_has_freed_goes_back_to_the_system() -> None:
+    assert float(python(FREED).stdout) > 100
+
+
+def test_nothing_is_looked_through_for_garbage_while_libraries_are_imported() -> None:
+    with uncollected():
+        assert not gc.isenabled()
+        with uncollected():
+            pass
+        assert not gc.isenabled()
+    assert gc.isenabled()
+
+
+@pytest.fixture
+def added(tmp_path):
+    """A function that adds bytes to the file, and the reader of its lines."""
+    lines = LinesOf(tmp_path / "log")
+
+    def add(data):
+        with lines.path.open("ab") as file:
+            file.write(data)
+
+    return add, lines
+
+
+def test_whole_lines_are_read_once(added):
+    add, lines = added
+    assert lines.new() == []
+    add(b"a\nb")
+    assert lines.new() == ["a"]
+    assert lines.new() == []
+    add(b"c\r\n\xff\rd\n")
+    assert lines.new() == ["bc", "\ufffd", "d"]
+
+
+def test_what_was_read_is_not_read_again(added, monkeypatch):
+    """After the first call the file's beginning may be anything."""
+    add, lines = added
+    add(b"first\n")
+    assert lines.new() == ["first"]
+    with lines.path.open("r+b") as file:
+        file.write(b"\n\n\n\n\n\n")
+    add(b"second\n")
+    assert lines.new() == ["second"]
+
+
+def test_of_much_the_last_is_read_and_the_file_is_emptied(added):
+    add, lines = added
+    add(b"x" * 3 * MOST_BYTES + b"\nlast\n")
+    assert lines.new()[-1] == "last"
+    assert lines.path.stat().st_size == 0
+    add(b"next\n")
+    assert lines.new() == ["next"]
+
+
+def test_a_line_without_end_does_not_stay(added):
+    add, lines = added
+    for _ in range(8):
+        add(b"x" * MOST_BYTES)
+        assert lines.new() == []
+        assert lines.path.stat().st_size <= 2 * MOST_BYTES
+    add(b"\nlast\n")
+    assert lines.new()[-1] == "last"

@@ -1,16 +1,26 @@
-"""E's error bar holds a gain and a scale that no check reports; a common factor stands beside it."""
+"""A sensor's gain and scale in E's error bar, and what a reference body makes of them."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from graded_results import graded
 
+from pipeline.batch.records import ModulusRecord
 from pipeline.batch.settings import SensorSettings
+from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_GAIN, PICTURE_SD, known_gels, sensor_scale
+from pipeline.ranking.error_parts import COMMON_SCALE, about_error
+from pipeline.ranking.reference_ratio import PART, Ratio, against_references, corrected_modulus
+from pipeline.ranking.report_entries import _facts
+from pipeline.ranking.verified_scale import verified, with_own_gain
+from reports.entries import FruitEntry
+from reports.tables import RANKING_COLUMNS, _row
 from tactile.consistency.finding import FindingKind
-from tactile.consistency.gain import GAIN_SD, LAW_SD, gain_left
+from tactile.consistency.gain import GAIN_SD, LAW_SD, UnseenGain, gain_left
 from tactile.consistency.of_recording import recording_findings
 from tactile.readers.recording import GelPad, read_recording
 
@@ -67,8 +77,7 @@ def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n, noise):
     left = []
     for _ in range(1500):
         gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
-        measured = gain + bias + rng.normal(0, noise, n)
-        unseen_gain = gain_left(measured, np.full(n, noise))
+        unseen_gain = gain_left(gain + bias + rng.normal(0, noise, n), np.full(n, noise))
         left.append(gain / np.hypot(unseen_gain.shared, unseen_gain.independent))
     assert 0.9 < np.sqrt(np.mean(np.square(left))) < 1.1
 
@@ -182,3 +191,157 @@ def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():
     model = 'the sensor model "{}"'
     names = ["gelsight-mini", "gelsight-mini", "tac3d", "marker-gel-20x20"]
     assert sources == [*([model.format(name)] for name in names), []]
+
+
+OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, UnseenGain(shared=0.03, independent=0.004), 0.03
+OWN_GAIN_OF_E = E_PER_GAIN * HIDDEN_GAIN.independent
+
+
+def record(name, E_MPa, *, known=None, outcome="graded", gain=HIDDEN_GAIN):
+    """As grading leaves it: relative parts OWN, PICTURES and `gain` of the error, COMMON beside it."""
+    own_gain, shared_gain = E_PER_GAIN * gain.independent * E_MPa, E_PER_GAIN * gain.shared * E_MPa
+    parts = {"noise": OWN * E_MPa, SENSOR: PICTURES * E_MPa, GAIN: shared_gain, OWN_GAIN: own_gain}
+    modulus = ModulusRecord(
+        E_MPa=E_MPa,
+        E_sd_MPa=math.hypot(*parts.values()),
+        common_sd_MPa=math.hypot(PICTURES * E_MPa, shared_gain),
+        scale_sd_MPa=COMMON * E_MPa,
+        parts_sd_MPa=parts,
+    )
+    given = {} if known is None else {"reference_E_MPa": known, "reference_E_sd_MPa": 0.01 * known}
+    changes = {"outcome": outcome, "modulus": modulus if outcome == "graded" else None}
+    return graded(name, E_MPa, changes=changes, reference=known is not None, **given)
+
+
+def after(read, *, correct):
+    """A fruit of 0.4 MPa beside a body of 0.5, both read by this factor."""
+    checked_records, _ = against_references(
+        [record("soft", 0.4 * read), record("ball", 0.5 * read, known=0.5)], correct=correct
+    )
+    return checked_records[0].modulus
+
+
+def adds_up(modulus):
+    return math.hypot(*modulus.parts_sd_MPa.values()) == pytest.approx(modulus.E_sd_MPa)
+
+
+def test_a_body_shows_a_gain_that_the_assumed_scales_would_cover():
+    """6 % are one standard deviation of what is assumed, and four of what the body is known to."""
+    corrected = after(1.06, correct=True)
+    assert corrected.E_MPa == pytest.approx(0.4)
+    assert corrected.scale_sd_MPa == corrected.parts_sd_MPa[SENSOR] == corrected.parts_sd_MPa[GAIN] == 0.0
+    assert corrected.parts_sd_MPa[OWN_GAIN] == pytest.approx(0.4 * OWN_GAIN_OF_E)
+    assert corrected.parts_sd_MPa[PART] == pytest.approx(0.4 * math.hypot(OWN, 0.01, OWN_GAIN_OF_E))
+    assert corrected.common_sd_MPa == pytest.approx(corrected.parts_sd_MPa[PART])
+    assert adds_up(corrected)
+    doubted = after(1.06, correct=False)
+    assert doubted.E_sd_MPa > math.log(1.06) * doubted.E_MPa
+    assert adds_up(doubted)
+
+
+def test_a_body_read_as_known_leaves_what_it_is_known_to():
+    modulus = after(1.0, correct=False)
+    body = math.hypot(OWN, 0.01, OWN_GAIN_OF_E)
+    parts = modulus.parts_sd_MPa
+    left = math.hypot(modulus.scale_sd_MPa, parts[SENSOR], parts[GAIN]) / modulus.E_MPa
+    assert left < body < math.hypot(PICTURES, COMMON)
+    assert modulus.scale_sd_MPa < COMMON / 3 * modulus.E_MPa
+    assert adds_up(modulus)
+
+
+def test_without_a_graded_body_the_assumed_scale_stays():
+    records = [record("soft", 0.4), record("ball", 0.5, known=0.5, outcome="never-touches")]
+    checked_records, _ = against_references(records, correct=True)
+    assert checked_records[0].modulus == records[0].modulus
+    assert against_references(records[:1], correct=False)[0][0].modulus == records[0].modulus
+
+
+def test_a_body_that_contradicts_the_assumed_scales_makes_them_wider():
+    """1 % is assumed; a ratio that is further from 1 than that and its own error allow leaves more."""
+    before = ModulusRecord(
+        E_MPa=0.4,
+        E_sd_MPa=0.005,
+        common_sd_MPa=0.004,
+        scale_sd_MPa=0.0,
+        parts_sd_MPa={SENSOR: 0.004, "a": 0.003},
+    )
+    for ln_ratio, ln_sd in ((0.06, 0.01), (-0.06, 0.005), (0.1, 0.06)):
+        after = verified(before, ln_ratio, ln_sd)
+        w = 0.01**2 / (0.01**2 + ln_sd**2)
+        expected = math.sqrt((w * ln_ratio) ** 2 + w * ln_sd**2)
+        assert after.parts_sd_MPa[SENSOR] == pytest.approx(0.4 * expected)
+        assert (after.parts_sd_MPa[SENSOR] > before.parts_sd_MPa[SENSOR]) == (
+            abs(ln_ratio) > math.hypot(0.01, ln_sd)
+        )
+        assert after.common_sd_MPa == pytest.approx(after.parts_sd_MPa[SENSOR])
+        assert adds_up(after)
+
+
+@pytest.mark.parametrize("ratio", [0.9, 1.0, 1.2])
+def test_the_gain_of_the_gripper_goes_with_the_bodys_ratio_and_the_noise_of_a_fruit_stays(ratio):
+    before = record("soft", 0.4, gain=UnseenGain(shared=0.05, independent=0.02)).modulus
+    after = corrected_modulus(before, Ratio(ratio=ratio, ln_sd=0.01))
+    assert after.parts_sd_MPa[GAIN] == 0.0
+    assert after.parts_sd_MPa[OWN_GAIN] == pytest.approx(0.4 / ratio * E_PER_GAIN * 0.02)
+    assert after.E_sd_MPa / after.E_MPa == pytest.approx(math.hypot(OWN, E_PER_GAIN * 0.02, 0.01))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.2])
+def test_a_gain_that_only_one_fruits_recordings_show_stays_in_its_error_bar(ratio):
+    odd = record("odd", 0.4 * ratio, gain=UnseenGain(shared=0.07, independent=0.004))
+    ball = record("ball", 0.5 * ratio, known=0.5)
+    modulus = against_references([odd, ball], correct=True)[0][0].modulus
+    own_gain_sd = E_PER_GAIN * math.sqrt(0.07**2 - HIDDEN_GAIN.shared**2)
+    assert modulus.parts_sd_MPa[OWN_GAIN] / modulus.E_MPa == pytest.approx(
+        math.hypot(own_gain_sd, OWN_GAIN_OF_E)
+    )
+    assert math.sqrt(modulus.E_sd_MPa**2 - modulus.common_sd_MPa**2) > own_gain_sd * modulus.E_MPa
+    split = with_own_gain(odd.modulus, HIDDEN_GAIN.shared * E_PER_GAIN)
+    assert adds_up(split)
+    assert split.E_sd_MPa == odd.modulus.E_sd_MPa
+    assert with_own_gain(odd.modulus, 0.1) == odd.modulus
+
+
+@pytest.mark.parametrize("correct", [False, True])
+def test_the_error_bar_covers_drawn_grippers(correct):
+    """Scales and gains drawn as they are assumed, the gain measured in four pads of fruit and body with one
+    bias of the gel's law; the error of E over both parts of its error bar.
+    """
+    rng = np.random.default_rng(5)
+    z = []
+    for _ in range(1000):
+        gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
+        scale = math.exp(rng.normal(0, math.hypot(COMMON, PICTURES)) + E_PER_GAIN * gain)
+        of_fruit, of_body = (gain_left(gain + bias + rng.normal(0, 0.01, 4), np.full(4, 0.01)) for _ in "fb")
+        fruit = record("soft", 0.4 * scale * math.exp(rng.normal(0, OWN)), gain=of_fruit)
+        read = 0.5 * scale * math.exp(rng.normal(0, OWN) + rng.normal(0, 0.01))
+        body = record("ball", read, known=0.5, gain=of_body)
+        modulus = against_references([fruit, body], correct=correct)[0][0].modulus
+        sd = math.hypot(modulus.E_sd_MPa, modulus.scale_sd_MPa)
+        z.append(math.log(modulus.E_MPa / 0.4) * modulus.E_MPa / sd)
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.1
+    assert np.mean(np.abs(z) > 2) < 0.07
+
+
+def test_the_error_bar_without_a_body_covers_drawn_grippers():
+    rng = np.random.default_rng(6)
+    z = []
+    for _ in range(1000):
+        gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
+        left = gain_left(gain + bias + rng.normal(0, 0.01, 4), np.full(4, 0.01))
+        error = rng.normal(0, math.hypot(COMMON, PICTURES, OWN)) + E_PER_GAIN * gain
+        modulus = record("soft", 0.4, gain=left).modulus
+        z.append(error / (math.hypot(modulus.E_sd_MPa, modulus.scale_sd_MPa) / 0.4))
+    assert 0.92 < np.sqrt(np.mean(np.square(z))) < 1.08
+
+
+def test_report_and_ranking_show_the_common_scale_beside_the_error_bar():
+    fruit = record("soft", 0.4)
+    said = about_error(fruit.modulus)
+    assert f"A {COMMON_SCALE} adds ± 3 % of E" in said
+    assert "To remove it, add a body of known modulus to fruits.csv (reference = true)." in said
+    assert (f"In addition to the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(fruit, None)
+    entry = FruitEntry(fruit_id="soft", ok=True, outcome="graded", E_MPa=0.4, E_scale_sd_MPa=0.012)
+    assert RANKING_COLUMNS[26] == "E_scale_sd_MPa"
+    assert _row(entry)["E_scale_sd_MPa"] == 0.012
+    assert COMMON_SCALE not in about_error(fruit.modulus.model_copy(update={"scale_sd_MPa": 0.0}))

@@ -112,8 +112,7 @@ def test_what_stays_open_is_refused():
 
 def test_a_surface_through_points_of_a_ball_is_the_ball_though_they_are_noisy():
     directions, _ = ball(5)
-    rng = np.random.default_rng(4)
-    noisy = directions * (RADIUS_MM + rng.normal(0, 0.1, (len(directions), 1)))
+    noisy = directions * (RADIUS_MM + np.random.default_rng(4).normal(0, 0.1, (len(directions), 1)))
     vertices, faces = poisson_surface(noisy, directions)
     away = np.linalg.norm(vertices, axis=1) - RADIUS_MM
     assert open_edges(faces) == 0

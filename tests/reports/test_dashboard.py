@@ -242,8 +242,7 @@ def test_filters_are_in_the_address_and_come_back_from_it(shown):
     expected = sum(0.5 < 0.2 + k / 40 <= 0.7 + 1e-12 for k in range(40))
     assert rows_shown(page) == f"{expected} of 41 fruit"
     first = page.locator("table.fruit tbody th").first.inner_text()
-    kept = state(page)
-    assert kept == {"class": "firm", "to": "0.7", "sort": "-4"}
+    assert state(page) == {"class": "firm", "to": "0.7", "sort": "-4"}
     again, _ = shown(40, hash_="#" + page.url.partition("#")[2])
     assert rows_shown(again) == f"{expected} of 41 fruit"
     assert again.locator("table.fruit tbody th").first.inner_text() == first

@@ -1,6 +1,10 @@
+"""The report's page: its first screen, its tables, and its words."""
+
 import base64
+import csv
 import hashlib
 import html
+import io
 import json
 import re
 from collections import Counter
@@ -10,12 +14,16 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import reports
+from reports.batch_overview import MOST_LINKED, MOST_LISTED, class_counts, decision_lists, failures, numbered
 from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ScreenEntry, Suspect
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.page import report_html
-from reports.tables import ranking_csv
+from reports.tables import ranking_csv, safe_cell
+from reports.words import number, percent, remarks, verdict, with_sd
 
 VOID = {"meta", "img", "br", "link", "input"}
 STATIC = Path(reports.__file__).parent / "static"
@@ -107,8 +115,7 @@ def test_every_link_has_its_target_and_every_id_is_one_element(batch):
 
 
 def test_text_of_the_batch_is_shown_never_obeyed(awkward_batch, hostile):
-    text = report_html(awkward_batch)
-    shown = "".join(Page(opened(text)).text)
+    shown = "".join(Page(opened(report_html(awkward_batch))).text)
     assert shown.count(hostile) >= 5
 
 
@@ -130,8 +137,7 @@ def test_the_library_of_the_charts_is_the_published_one():
     digest = hashlib.sha256(LIBRARY.encode()).hexdigest()
     assert digest == "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
     assert digest in (STATIC.parents[1] / "docs" / "licences.md").read_text()
-    licence = (STATIC / "uplot-licence.txt").read_text()
-    assert "MIT License" in licence
+    assert "MIT License" in (STATIC / "uplot-licence.txt").read_text()
 
 
 def test_no_text_of_a_batch_ends_the_script_that_holds_it(empty_batch):
@@ -160,8 +166,7 @@ def test_failures_come_first_with_reason_and_what_to_do(awkward_batch):
 
 
 def test_fruits_follow_by_rank_then_failures(awkward_batch, hostile):
-    page = Page(opened(report_html(awkward_batch)))
-    text = "".join(page.text)
+    text = "".join(Page(opened(report_html(awkward_batch))).text)
     parts = text[text.index("Fruit by fruit") : text.index("Sources of these numbers")]
     places = [parts.rindex(words) for words in ("N-04", "N-01", "orchard-7-", hostile, "=1+1", "N-07")]
     assert places == sorted(places)
@@ -215,8 +220,7 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
 
 
 def test_a_body_without_a_pit_is_drawn_without_one(empty_batch):
-    pictures = FruitPictures(mesh=Picture(content=b"webp"))
-    fruit = ranked("ball", pictures=pictures)
+    fruit = ranked("ball", pictures=FruitPictures(mesh=Picture(content=b"webp")))
     for has_pit in (False, True):
         page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))
         assert ("the assumed pit inside" in page) == has_pit
@@ -253,8 +257,7 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
     assert "Missing physics suspected (p = 0.012): something else. The test cannot" in shown
     assert "Look at it. Run drupe explain --fruit f2 for" in shown
     assert "Not screened for missing physics: one recording alone tells too little." in shown
-    plain = report_html(replace(empty_batch, fruits=fruits[:1]))
-    assert 'scope="col">Missing physics' not in plain
+    assert 'scope="col">Missing physics' not in report_html(replace(empty_batch, fruits=fruits[:1]))
 
 
 def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(empty_batch):
@@ -274,3 +277,240 @@ def test_a_name_too_long_for_a_code_costs_the_code_alone(awkward_batch, lot, cod
     page = report_html(replace(awkward_batch, lot=lot))
     assert page.count("Code of ") == coded * (1 + len(awkward_batch.fruits))
     assert 'src="data:image/png;base64,"' not in page
+
+
+def lost(fruit_id, reason, outcome="never-touches"):
+    return FruitEntry(
+        fruit_id=fruit_id,
+        ok=False,
+        outcome=outcome,
+        reason=reason,
+        decision="inspect",
+        decision_reason="not graded",
+    )
+
+
+def test_failures_of_one_cause_are_one_and_their_numbers_do_not_part_them(empty_batch):
+    fruits = (
+        lost("A", "grasp-1 of A misses it by 3.2 mm."),
+        lost("B", "grasp-1 of B misses it by 14 mm."),
+        lost("C", "Two photos.", "too-few-views"),
+        lost("D", "One is black.", "too-few-views"),
+        lost("E", "None.", "too-few-views"),
+    )
+    groups = failures(numbered(replace(empty_batch, fruits=fruits)))
+    assert [(failure.outcome, len(failure.fruits)) for failure in groups] == [
+        ("too-few-views", 3),
+        ("never-touches", 2),
+    ]
+    assert groups[0].same_reason == ""
+    assert groups[1].same_reason == "grasp-1 of A misses it by 3.2 mm."
+    page = report_html(replace(empty_batch, fruits=fruits))
+    assert "2 fruit <code>never-touches</code>" in page
+    assert page.count("Check that the gripper closed on the fruit") == 1 + 2  # once, and in each fruit's part
+    assert "One is black." in page
+
+
+def test_lists_name_their_fruit_and_why(empty_batch, graded):
+    fruits = (
+        replace(graded("S", rank=1, E_MPa=0.2), decision="ship"),
+        replace(graded("H", rank=3, E_MPa=0.9, maturity="unripe"), decision="hold"),
+        replace(
+            graded("B", rank=2, E_MPa=0.34),
+            decision="inspect",
+            decision_reason="borderline: ship with probability 63 %",
+            other_class="unripe",
+            other_class_probability=0.37,
+        ),
+        lost("L", "No."),
+    )
+    batch = replace(empty_batch, fruits=fruits, classes=(("ripe", 0.35), ("unripe", None)), ships=("ripe",))
+    lists = decision_lists(batch, numbered(batch))
+    assert [[fruit.fruit_id for _, fruit in list_.fruits] for list_ in lists] == [["S"], ["H"], ["B", "L"]]
+    assert [reason for reason, _ in lists[2].groups] == ["borderline", "not graded"]
+    assert class_counts(batch, numbered(batch)) == (("ripe", 2, 1), ("unripe", 1, 0))
+    page = report_html(batch)
+    assert "or unripe (37" in page
+    assert '<option value="hold">Hold</option>' in page
+
+
+def test_long_lists_have_few_links_and_the_table_has_the_rest(large_batch, graded):
+    count = MOST_LISTED + 10
+    fruits = tuple(
+        replace(graded(f"N-{k:03d}", rank=k + 1, E_MPa=0.2 + 0.002 * k), decision="ship")
+        for k in range(count)
+    )
+    page = report_html(replace(large_batch, fruits=fruits, ships=("ripe",)))
+    card = page[page.index('class="card ship"') : page.index('class="card hold"')]
+    assert card.count('href="#fruit-') == MOST_LINKED
+    assert f'<a href="#list=ship">all {count} in the table</a>' in card
+    assert "See the table of all fruits." in card
+    few = report_html(replace(large_batch, fruits=fruits[:20], ships=("ripe",)))
+    assert ", ".join(fruit.fruit_id for fruit in fruits[:20]) in few
+
+
+SUSPECTS = tuple(Suspect(name=name, short="", advice="") for name in ("skin", "poisson_ratio"))
+FIXED_COLUMNS = (
+    "rank,fruit_id,outcome,E_MPa,E_sd_MPa,maturity,maturity_probability,p_softer_than_next,"
+    "height_mm,volume_mm3,grasps,shore_oo,mismatch,reason"
+)
+
+
+def rows_of(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_columns_are_the_fixed_ones_in_order_and_more_may_follow(awkward_batch, empty_batch):
+    for batch in (awkward_batch, empty_batch):
+        assert ranking_csv(batch).splitlines()[0].startswith(FIXED_COLUMNS)
+
+
+def test_softest_is_first_and_failures_are_last(awkward_batch):
+    rows = rows_of(ranking_csv(awkward_batch))
+    assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "", ""]
+    assert [row["outcome"] for row in rows][-2:] == ["too-few-views", "never-touches"][::-1]
+
+
+def test_unknown_values_are_empty_cells(awkward_batch):
+    bare = rows_of(ranking_csv(awkward_batch))[2]
+    assert [bare[name] for name in ("E_sd_MPa", "maturity", "height_mm", "shore_oo", "mismatch")] == [""] * 5
+
+
+def test_values_survive_to_the_figures_claimed(awkward_batch, graded):
+    fruit = replace(graded("a", rank=1, E_MPa=0.123456), E_sd_MPa=0.00123456)
+    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
+    assert (row["E_MPa"], row["E_sd_MPa"]) == ("0.1235", "0.00123")
+    assert (row["height_mm"], row["volume_mm3"], row["grasps"]) == ("57.12", "104124", "1")
+
+
+def test_each_fruit_is_one_line_whatever_its_text(awkward_batch):
+    text = ranking_csv(awkward_batch)
+    assert len(text.splitlines()) == 7
+    assert rows_of(text)[-1]["reason"] == "Only 2 photos were given, with, commas."
+
+
+HOSTILE = (
+    *("=1+1", "-1+cmd", "@SUM(A1)", "\t=1", "\r=1", "\n=1"),
+    "lot 7;=cmd|' /C calc'!A0",
+    "a,=1+1",
+    'a; "=HYPERLINK(1)"',
+    "a\t@SUM(A1)",
+    ";+A1",
+    "a,+1+cmd|' /C calc'!A0",
+    "a;-1,5*(A1)",
+    "a\t- 1 % + cmd",
+    "a;--1",
+    "a;-1:1+cmd",
+    "a,-.5e3^A1",
+    'a,-"x"&A1',
+    "x;\u00a0-1+cmd",
+    '"=1+1"',
+    "\uff1d1+1",
+)
+
+
+def cells_by(text, separator):
+    """All cells as a spreadsheet with this separator splits them, without blanks and quotes at the front."""
+    table = csv.reader(io.StringIO(text), delimiter=separator)
+    return {cell.lstrip('\t "\u00a0') for row in table for cell in row}
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text, separator, awkward_batch):
+    fruit = FruitEntry(
+        fruit_id=text, ok=False, outcome="x", reason=text, mismatch=text, warnings=(text, text)
+    )
+    batch = replace(awkward_batch, fruits=(fruit,))
+    for cell in cells_by(ranking_csv(batch), separator):
+        assert not cell.startswith(("=", "+", "-", "@", "\uff1d")), cell
+    assert safe_cell(safe_cell(text)) == safe_cell(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a - b", "E is 0.4 ± 0.1, 3 - 2", "N-7; N-8", "p = 0.01", "x+y@z", "offset (0.1, -0.3) mm",
+        "lot A,-7", "lot A, -7, -8 and +9", "a;-0,5;+1", "1,-2.5e-3 mm",
+        "shift, -3 %", "a,-7;b", "a, -", "a\t-7",
+    ],
+)  # fmt: skip
+def test_text_that_is_no_formula_stays_as_it_is(text):
+    assert safe_cell(text) == text
+
+
+def test_a_reference_body_stands_last_without_rank_or_class(empty_batch):
+    """After the fruit that failed, and marked in a column of its own."""
+    ball = FruitEntry(
+        fruit_id="a ball", ok=True, outcome="graded", E_MPa=0.01, E_sd_MPa=0.001, reference=True
+    )
+    fruit = FruitEntry(fruit_id="b", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.01, rank=1)
+    lost = FruitEntry(fruit_id="c", ok=False, outcome="no-shape")
+    rows = rows_of(ranking_csv(replace(empty_batch, fruits=(ball, lost, fruit))))
+    assert [row["fruit_id"] for row in rows] == ["b", "c", "a ball"]
+    assert [row["reference"] for row in rows] == ["", "", "true"]
+    assert (rows[2]["outcome"], rows[2]["rank"], rows[2]["maturity"]) == ("graded", "", "")
+
+
+@pytest.mark.parametrize(
+    ("known", "cells"),
+    [
+        ({}, ("", "", "", "")),
+        ({"screen": ScreenEntry(p_value=0.43)}, ("none", "screen", "none", "0.43")),
+        (
+            {"screen": ScreenEntry(p_value=0.012, suspects=SUSPECTS)},
+            ("skin|poisson_ratio", "screen", "skin|poisson_ratio", "0.012"),
+        ),
+        (
+            {"screen": ScreenEntry(why_not="too few")},
+            ("not screened: too few", "screen", "not screened: too few", ""),
+        ),
+        (
+            {"screen": ScreenEntry(p_value=0.43), "mismatch": "slip"},
+            ("slip", "explain", "none", "0.43"),
+        ),
+        (
+            {"screen": ScreenEntry(p_value=0.43), "mismatch": "slip", "mismatch_taken": True},
+            ("slip", "settings", "none", "0.43"),
+        ),
+    ],
+)
+def test_the_mismatch_is_that_of_settings_else_explain_else_screen(known, cells, awkward_batch, graded):
+    fruit = replace(graded("a", rank=1, E_MPa=0.3), **known)
+    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
+    assert tuple(row[name] for name in ("mismatch", "mismatch_by", "screen", "screen_p")) == cells
+
+
+@given(st.floats(1e-6, 1e7))
+def test_a_figure_is_told_to_three_digits(value):
+    assert float(number(value)) == pytest.approx(value, rel=0.0051)
+
+
+@given(st.floats(0.01, 10.0), st.floats(1e-4, 1.0))
+def test_value_and_deviation_share_their_decimals_and_keep_the_deviation(value, share):
+    printed, deviation = with_sd(value, share * value).split(" ± ")
+    assert len(printed.partition(".")[2]) == len(deviation.partition(".")[2])
+    assert float(printed) == pytest.approx(value, abs=0.5 * share * value + 1e-4 * value)
+
+
+@given(st.floats(0.0, 1.0))
+def test_no_probability_is_told_as_certain(probability):
+    assert percent(probability).replace("\u00a0", " ") not in {"0 %", "100 %"}
+
+
+def test_fruit_that_wait_in_an_unfinished_run_are_counted():
+    done = FruitEntry(fruit_id="a", ok=True, outcome="graded", E_MPa=0.4)
+    assert verdict((done,), waiting=3).startswith("1 of 4 fruit graded: a has E")
+    lost = FruitEntry(fruit_id="b", ok=False, outcome="no-fruit")
+    assert verdict((lost,), waiting=3) == "0 of 4 fruit graded."
+
+
+def test_a_doubt_about_E_stands_before_the_warnings():
+    doubted = FruitEntry(
+        fruit_id="a", ok=True, outcome="graded", E_MPa=0.4, doubts=("grasp-1: a gain.",), warnings=("dim",)
+    )
+    assert remarks(doubted) == "E is in doubt, 1 warning"
+    assert remarks(replace(doubted, class_withheld=True)) == "E is in doubt, so no class, 1 warning"
+    assert verdict((doubted,)) == "The only fruit is graded: a has E = 0.400 MPa, in doubt.".replace(
+        "0.400 MPa", "0.400\u00a0MPa"
+    )

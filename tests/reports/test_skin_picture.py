@@ -66,11 +66,9 @@ def test_the_fruit_is_drawn_to_scale():
 
 def test_letters_and_scale_are_beside_the_fruit_and_legible_on_a_phone():
     px, phone_px = 440, 394  # of a view; of the whole picture on a screen 420 px wide
-    image = opened(mesh_picture(SPHERE_MM, FACES, view_px=px))
-    dark = image.max(axis=2) < 90
+    dark = opened(mesh_picture(SPHERE_MM, FACES, view_px=px)).max(axis=2) < 90
     rows, columns = np.indices(dark.shape)
-    from_middle_px = np.hypot(rows - px / 2, columns % px - px / 2)
-    assert not dark[from_middle_px < px / 2 / MARGIN].any()
+    assert not dark[np.hypot(rows - px / 2, columns % px - px / 2) < px / 2 / MARGIN].any()
     assert not dark[: px // 2].any()  # no words that a page in another language could not translate
     bar = px + np.flatnonzero(dark[px // 2 :, -px // 3 :].any(axis=1))
     digits = np.flatnonzero(dark[px // 2 : bar[-1] - px - 4 + px // 2, -px // 3 :].any(axis=1))

@@ -56,8 +56,7 @@ def test_recording_keeps_the_format(batch: Path) -> None:
         assert isinstance(pad, GelPad)
         assert pad.displacement_mm.shape == (len(recording.time_s), 400, 3)
         assert 0.003 < pad.displacement_mm[:10].std() < 0.006
-        loaded = int(np.argmin(recording.aperture_mm))
-        assert pad.force_N[loaded, :, 2].sum() > 1.0
+        assert pad.force_N[int(np.argmin(recording.aperture_mm)), :, 2].sum() > 1.0
     gap = [
         np.linalg.norm(a[:3, 3] - b[:3, 3])
         for a, b in zip(recording.pads[0].pose, recording.pads[1].pose, strict=True)

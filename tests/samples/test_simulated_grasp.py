@@ -1,20 +1,33 @@
-"""Grasps of sample fruit on coarse bricks: what the markers show, limits, and what the sensor adds."""
+"""Grasps of sample fruit on coarse bricks, against an independent simulator, and as they are shipped.
 
+tests/data/verified-ball.npz: frames 29 to 33 of grasp 2 of the body `ball` (an ellipsoid of 0.23 MPa round
+a rigid pit, Neo-Hookean; pads as beds of springs), loaded to 1.6 N. The other bodies and grasps:
+benchmarks/truth_verification.py.
+"""
+
+import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from ball_fruit import ball
 from mismatch_ball import total_N
 
-from samples.fruit import fruit_of_seed
+from samples.fruit import SampleFruit, SamplePit, Skin, fruit_of_seed, fruits_of_seed
 from samples.gel_contact import DEFAULT_GEL, Gel
-from samples.grasp_plan import PlannedGrasp, hold_along, planned_grasps, straight
+from samples.graded_bricks import BrickGrading
+from samples.grasp_plan import CLEARANCE_MM, Hold, PlannedGrasp, hold_along, planned_grasps, straight
 from samples.hexahedra import COARSE, Fineness
-from samples.mismatch.marker_sensor import SensorNoise, measured
-from samples.mismatch.true_recording import TrueRecording
+from samples.mismatch.marker_sensor import MarkerSensor, SensorNoise, measured
+from samples.mismatch.meshed_fruit import meshed_fruit
+from samples.mismatch.nonlinear_body import sound_body
+from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.sample_batch import true_grasp
-from samples.sample_failure import NotInEquilibrium
+from samples.sample_failure import NotInEquilibrium, SampleFailure
+from samples.shipped import shipped_batches, write_shipped
+from tactile.readers.recording import GelPad, read_recording
 
 FRUIT = fruit_of_seed("a", seed=1, E_MPa=0.5)
 UNDER_THE_PAD = Fineness(degrees=(0, 3, 6, 10, 17, 45), along=1, depths=(0, 0.15, 1))
@@ -97,3 +110,82 @@ def test_planned_grasps_cross_and_keep_off_the_groove() -> None:
         a, b = first.hold.turns[0][:, 2], second.hold.turns[0][:, 2]
         assert abs(a @ b) < 0.3
         assert min(abs(a[1]), abs(b[1])) > 0.35
+
+
+STORED = Path(__file__).parents[1] / "data" / "verified-ball.npz"
+COARSE_BRICKS = BrickGrading(cells=2, layers=2)
+
+
+def stored_ball(truth: dict[str, Any]) -> SampleFruit:
+    axes, pit, centre = (tuple(truth[k]) for k in ("axes", "pit", "pit_centre"))
+    core = SamplePit(centre_mm=centre, semi_axes_mm=pit)
+    skin = Skin(half_axes_mm=axes)
+    return SampleFruit(fruit_id="ball", skin=skin, pit=core, E_MPa=truth["E"], poisson_ratio=truth["nu"])
+
+
+@pytest.mark.slow
+def test_an_independent_simulator_records_the_same() -> None:
+    with np.load(STORED) as file:
+        truth, pose, time_s = json.loads(str(file["truth"])), file["pose"], file["time_s"]
+        moved_mm, total_N, rest_mm = 1e-5 * file["displacement_10nm"], file["total_N"], file["rest_mm"]
+    gel = Gel(kn_MPa_per_mm=truth["kn"], kt_MPa_per_mm=truth["kt"], friction=truth["friction"])
+    travel = (pose[0, :, :3, 3] - pose[0, 0, :3, 3]) @ pose[0, 0, :3, 2] - CLEARANCE_MM
+    touch = pose[:, 0, :3, 3] + CLEARANCE_MM * pose[:, 0, :3, 2]
+    hold = Hold(turns=(pose[0, 0, :3, :3], pose[1, 0, :3, :3]), touch_mm=touch)
+    grasp = PlannedGrasp(name="grasp-2", hold=hold, motion=straight(time_s, travel))
+    stands = meshed_fruit(stored_ball(truth), grasp, sensor=MarkerSensor(gel=gel), fineness=COARSE_BRICKS)
+    recording = grasped(grasp, grip_of(stands, gel=gel), sound_body(stands))
+    np.testing.assert_allclose(recording.rest_mm, rest_mm, atol=1e-9)
+    for side, pad in enumerate(recording.pads):
+        touched = moved_mm[side, :, 2] < 0.1 * moved_mm[side, :, 2].min()
+        assert np.sqrt(((pad.displacement_mm[-1] - moved_mm[side])[touched] ** 2).mean()) < 2e-3
+        assert pad.force_N[-1, :, 2].sum() == pytest.approx(total_N[side, -1, 2], rel=0.015)
+
+
+DATA = Path("samples/data")
+
+
+def test_the_main_batch_and_the_tiny_one_are_shipped() -> None:
+    assert shipped_batches() == ("nectarines", "two-fruits")
+
+
+@pytest.mark.parametrize("name", ["nectarines", "two-fruits"])
+def test_a_shipped_batch_is_copied_whole(name: str, tmp_path: Path) -> None:
+    write_shipped(name, tmp_path / "copy")
+    listed = [sorted(p.relative_to(f) for p in f.rglob("*")) for f in (DATA / name, tmp_path / "copy")]
+    assert listed[0] == listed[1]
+    with pytest.raises(SampleFailure, match="not an empty folder"):
+        write_shipped(name, tmp_path / "copy")
+
+
+def test_an_unknown_batch_is_refused_with_the_known_names(tmp_path: Path) -> None:
+    with pytest.raises(SampleFailure, match="there are: nectarines, two-fruits"):
+        write_shipped("cherries", tmp_path / "copy")
+
+
+@pytest.mark.parametrize("name", ["nectarines", "two-fruits"])
+def test_every_shipped_recording_reads_and_is_loaded(name: str) -> None:
+    for path in sorted((DATA / name).glob("fruits/*/grasps/*.h5")):
+        recording = read_recording(path)
+        assert recording.fruit_id == path.parent.parent.name
+        for pad in recording.pads:
+            assert isinstance(pad, GelPad)
+            assert pad.force_N[27, :, 2].sum() > 2.0
+
+
+@pytest.mark.slow
+def test_a_shipped_recording_is_what_the_simulator_gives() -> None:
+    # it was made by another contact solver, on the nodes of the same bricks
+    answers = json.loads((DATA / "nectarines/answers.json").read_text())
+    fruit = fruits_of_seed(4, seed=answers["seed"])[0]
+    assert fruit.E_MPa == answers["fruits"]["N01"]["E_MPa"]
+    plan = planned_grasps(fruit, count=1)[0]
+    first_press = slice(9, 16)
+    way = straight(plan.motion.time_s[first_press], plan.motion.travel_mm[first_press])
+    simulated = true_grasp(fruit, replace(plan, motion=way))
+    shipped = read_recording(DATA / "nectarines/fruits/N01/grasps/grasp-1.h5")
+    for true, pad in zip(simulated.pads, shipped.pads, strict=True):
+        assert isinstance(pad, GelPad)
+        assert true.force_N[-1, :, 2].sum() == pytest.approx(pad.force_N[15, :, 2].sum(), rel=0.02)
+        miss_mm = true.displacement_mm[-1] - pad.displacement_mm[15]
+        assert np.sqrt((miss_mm**2).mean()) < 0.006  # the sensor's noise is 0.0045

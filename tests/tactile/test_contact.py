@@ -1,16 +1,20 @@
-"""Injected noise, touches and forces are found again; a contact at the edge of the markers is said."""
+"""Injected noise, touches, forces and pads are found again; a contact at the edge is said."""
 
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from injected_grasp import elsewhere, frames_of, injected_grasp, with_pads
+from injected_grasp import RADIUS_MM, ball, elsewhere, frames_of, gel_pad, held_by, injected_grasp, with_pads
+from refusals import refused
+from scipy.spatial import ConvexHull
 
 from tactile.contact import Phase, contact_said, find_contact
 from tactile.from_frames import MUCH_AT_EDGE, edge_share
 from tactile.noise import noise_in_contact
-from tactile.readers.recording import IndenterPad
+from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
+from tactile.readers.recording import GelPad, IndenterPad, Recording
+from tactile.registration import register
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -34,8 +38,7 @@ def test_noise_is_the_injected_one(injected, contact):
 
 def test_the_offset_of_the_reference_frame_is_taken_out(injected, contact):
     for pad, raw in zip(contact.pads, injected.recording.pads, strict=True):
-        before = raw.force_N[: injected.no_contact_frames].mean(axis=0)
-        assert np.abs(before).max() > injected.sd_N
+        assert np.abs(raw.force_N[: injected.no_contact_frames].mean(axis=0)).max() > injected.sd_N
         after = pad.force_N[: injected.no_contact_frames].mean(axis=0)
         assert np.abs(after).max() < 0.2 * injected.sd_N
 
@@ -139,9 +142,8 @@ def signed_otherwise(recording):
     ],
 )
 def test_a_pad_that_feels_no_push_never_touches(injected, change, said):
-    with pytest.raises(TactileFailure, match=rf"^a\.h5: .*{said}") as caught:
+    with refused(TactileProblem.NEVER_TOUCHES, rf"^a\.h5: .*{said}"):
         find_contact(change(injected.recording), source="a.h5")
-    assert caught.value.problem is TactileProblem.NEVER_TOUCHES
 
 
 def test_an_indenter_that_travels_further_loads(injected):
@@ -160,9 +162,8 @@ def test_an_indenter_that_travels_further_loads(injected):
 def test_a_bare_indenter_has_no_markers_and_the_ways_out_are_said(injected):
     pose = injected.recording.pads[0].pose
     tip = IndenterPad(name="tip", pose=pose, force_z_N=np.ones(len(pose)), indenter="ball", radius_mm=3.0)
-    with pytest.raises(TactileFailure, match=r"found a bare indenter.*give three diameters") as caught:
+    with refused(TactileProblem.NO_MARKERS, r"found a bare indenter.*give three diameters"):
         find_contact(replace(injected.recording, loading="press", pads=(tip,)), source="x")
-    assert caught.value.problem is TactileProblem.NO_MARKERS
 
 
 def test_without_air_the_noise_comes_from_contact(injected):
@@ -215,3 +216,174 @@ def pushed(x_mm: float, y_mm: float) -> np.ndarray:
 def test_a_contact_at_any_edge_is_told_from_one_in_the_middle(place, reaches):
     assert (edge_share(REST, pushed(*place)) > MUCH_AT_EDGE) == reaches
     assert edge_share(REST, np.zeros(81)) == 0.0
+
+
+@pytest.fixture(scope="module")
+def fruit():
+    """Vertices and faces of a ball, faces outward."""
+    vertices = ball(RADIUS_MM)
+    faces = ConvexHull(vertices).simplices.astype(np.int64)
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    inward = np.einsum("fx,fx->f", np.cross(b - a, c - a), a) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return vertices, faces
+
+
+def test_markers_sit_on_the_mesh_where_they_touched(contact, fruit):
+    for pad, place in zip(contact.pads, register(contact, *fruit, source="x"), strict=True):
+        touched = pad.onset >= 0
+        assert np.linalg.norm(place.surface_mm[touched], axis=1) == pytest.approx(RADIUS_MM, abs=0.03)
+        across = place.surface_mm[touched] - pad.position_mm[0, touched]
+        across -= np.outer(across @ place.normal, place.normal)
+        assert np.abs(across).max() < 0.03
+
+
+def test_what_lies_beside_a_small_fruit_is_not_on_its_skin(contact, fruit):
+    vertices, faces = fruit
+    normal = contact.pads[0].pose[0, :3, 2]
+    off_axis = np.linalg.norm(vertices - np.outer(vertices @ normal, normal), axis=1)
+    rim = 6.0
+    place = register(contact, vertices, faces[(off_axis[faces] < rim).all(axis=1)], source="x")[0]
+    position = contact.pads[0].position_mm[0]
+    across = np.linalg.norm(position - np.outer(position @ normal, normal), axis=1)
+    assert place.on_skin[across < rim - 1].all()
+    assert not place.on_skin[across > rim].any()
+    assert (across > rim).any()
+
+
+def test_first_touches_lie_within_what_the_ball_gave_way(contact, fruit):
+    # Half of a frame's step and half of the sagitta have gone into the ball before a marker is seen to touch.
+    for place in register(contact, *fruit, source="x"):
+        assert abs(place.shift_mm) < 0.4
+        assert place.residual_mm < 0.2
+
+
+def test_a_pose_error_along_the_normal_is_the_shift(injected, contact, fruit):
+    before = register(contact, *fruit, source="x")
+
+    def drawn_back(pad):
+        pose = pad.pose.copy()
+        pose[:, :3, 3] -= 0.8 * pose[:, :3, 2]
+        return replace(pad, pose=pose)
+
+    wrong = with_pads(injected.recording, drawn_back)
+    after = register(find_contact(wrong, source="x"), *fruit, source="x")
+    for a, b in zip(before, after, strict=True):
+        assert b.shift_mm - a.shift_mm == pytest.approx(0.8, abs=1e-6)
+        np.testing.assert_allclose(a.surface_mm, b.surface_mm, atol=1e-6)
+        assert b.residual_mm == pytest.approx(a.residual_mm, abs=1e-6)
+
+
+def test_places_move_with_the_fruit_frame(injected, contact, fruit):
+    turned, motion = elsewhere(injected.recording)
+    vertices = fruit[0] @ motion[:3, :3].T + motion[:3, 3]
+    moved = register(find_contact(turned, source="x"), vertices, fruit[1], source="x")
+    for a, b in zip(register(contact, *fruit, source="x"), moved, strict=True):
+        np.testing.assert_allclose(a.surface_mm @ motion[:3, :3].T + motion[:3, 3], b.surface_mm, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("shift", "times"), [([0, 0, 60.0], 1.0), ([200.0, 0, 0], 1.0), ([0, -30.0, 0], 1.0), (0.0, 1e-3)]
+)
+def test_a_fruit_elsewhere_or_in_metres_is_refused(contact, fruit, shift, times):
+    said = r"^g\.h5: pads/(left|right)/pose: found first touches .* the units \(mm\)"
+    with refused(TactileProblem.PADS_OFF_FRUIT, said):
+        register(contact, times * fruit[0] + np.array(shift), fruit[1], source="g.h5")
+
+
+JAW_FRUIT_MM = 30.0
+FRAMES = 9
+CLOSED_MM = 2.0
+SKIN = ball(JAW_FRUIT_MM, 20_000)
+
+
+def pose_at(side: float, closed_mm: float) -> np.ndarray:
+    """A jaw on the x axis whose z points to the ball's centre, and whose origin is 3 mm beside the axis."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[0, 0, -side], [1, 0, 0], [0, -side, 0]])
+    pose[:3, 3] = [side * (JAW_FRUIT_MM - closed_mm / 2), 3.0, 0.0]
+    return pose
+
+
+def grasp(*, shear_N: float = 0.0) -> Recording:
+    """Jaws close by CLOSED_MM after a frame in the air; a gel on the left gives 0.4 mm under 5 N at the
+    end."""
+    share = np.r_[0.0, np.linspace(0, 1, FRAMES - 1)]
+    line = np.arange(-5.0, 6.0)
+    rest = np.column_stack([*(axis.ravel() for axis in np.meshgrid(line, line)), np.zeros(121)])
+    pressed = np.linalg.norm(rest, axis=1) < 3.1
+    weight = pressed / pressed.sum()
+    force = share[:, None, None] * weight[:, None] * np.array([shear_N, 0.0, 5.0])
+    moved = share[:, None, None] * pressed[:, None] * np.array([0.0, 0.0, -0.4])
+    left = gel_pad("left", rest, moved, force, pose=np.stack([pose_at(-1.0, CLOSED_MM * s) for s in share]))
+    right = IndenterPad(
+        name="right",
+        pose=np.stack([pose_at(1.0, CLOSED_MM * s) for s in share]),
+        force_z_N=5.0 * share,
+        indenter="plate",
+        radius_mm=None,
+    )
+    return held_by((left, right), np.arange(float(FRAMES)), 2 * JAW_FRUIT_MM - CLOSED_MM * share)
+
+
+def jaw_of(recording: Recording) -> GelPad:
+    return with_plain_jaw(recording, SKIN, source="g.h5").pads[1]
+
+
+def test_the_jaw_pushes_back_what_the_gel_pushes() -> None:
+    recording = grasp(shear_N=0.7)
+    left, right = recording.pads[0], jaw_of(recording)
+    on_fruit = [np.einsum("tij,tnj->ti", pad.pose[:, :3, :3], pad.force_N) for pad in (left, right)]
+    assert np.abs(on_fruit[0] + on_fruit[1]).max() < 1e-12
+    assert not right.displacement_mm.any()
+
+
+def test_it_touches_where_the_fruit_comes_first_and_as_widely_as_hertz_has_it() -> None:
+    right = jaw_of(grasp())
+    weight = right.force_N[-1, :, 2]
+    middle = weight @ right.rest_mm / weight.sum()
+    # the jaw's origin is 3 mm along its own x beside the ball's middle
+    assert middle[:2] == pytest.approx([-3.0, 0.0], abs=0.1)
+    radius = np.linalg.norm(right.rest_mm[:, :2] - middle[:2], axis=1)
+    contact = float(radius[weight > 0].max())
+    gel_mm = np.sqrt(29 / np.pi)
+    indentation_mm = CLOSED_MM - 0.4
+    expected = next(
+        a for a in np.arange(0.1, 20, 0.001) if a**2 >= JAW_FRUIT_MM * indentation_mm / (1 + a / gel_mm)
+    )
+    assert contact == pytest.approx(expected, rel=0.15)
+    # Hertz's pressure has a mean square radius of 2/5 of the contact's
+    assert np.sqrt(weight @ radius**2 / weight.sum()) == pytest.approx(np.sqrt(0.4) * expected, rel=0.03)
+
+
+def test_where_the_flesh_is_known_the_contact_is_as_wide_as_hertz_has_it_of_the_force() -> None:
+    """Johnson 1985, eq. 4.22: a^3 = 3 F R / (4 E*), in every frame."""
+    plane_strain_MPa = 0.8
+    right = with_plain_jaw(grasp(), SKIN, source="g.h5", plane_strain_MPa=plane_strain_MPa).pads[1]
+    for frame in (FRAMES // 2, FRAMES - 1):
+        weight = right.force_N[frame, :, 2]
+        middle = weight @ right.rest_mm / weight.sum()
+        radius = np.linalg.norm(right.rest_mm - middle, axis=1)
+        hertz = np.cbrt(0.75 * weight.sum() * JAW_FRUIT_MM / plane_strain_MPa)
+        assert np.sqrt(weight @ radius**2 / weight.sum()) == pytest.approx(np.sqrt(0.4) * hertz, rel=0.03)
+
+
+def test_only_a_gel_and_a_plate_make_such_a_grasp() -> None:
+    recording = grasp()
+    assert has_plain_jaw(recording)
+    two = replace(recording, pads=(recording.pads[0], replace(recording.pads[0], name="right")))
+    assert not has_plain_jaw(two)
+    assert with_plain_jaw(two, SKIN, source="g.h5") is two
+    assert not has_plain_jaw(replace(recording, loading="press"))
+
+
+def test_a_jaw_that_faces_away_is_refused() -> None:
+    recording = grasp()
+    right = recording.pads[1]
+    away = right.pose.copy()
+    away[:, :3, 1:3] *= -1
+    turned = replace(recording, pads=(recording.pads[0], replace(right, pose=away)))
+    with pytest.raises(
+        TactileFailure, match=r"g\.h5: pads/right: found a plain jaw without round skin in front of it"
+    ):
+        with_plain_jaw(turned, SKIN, source="g.h5")

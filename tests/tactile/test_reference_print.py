@@ -95,8 +95,7 @@ def rendered(depth_mm: float) -> np.ndarray:
     dots = marker_grid(7, 9, pitch_mm=(1.9, 1.9), first_mm=None)
 
     def field(at: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 3"]:
-        r2 = (at**2).sum(axis=1)
-        sunk = depth_mm * np.exp(-r2 / 2 / 2.0**2)
+        sunk = depth_mm * np.exp(-(at**2).sum(axis=1) / 2 / 2.0**2)
         return np.column_stack([0.35 * at * (sunk / 2.0)[:, None], -sunk])
 
     return gel_image(
@@ -149,8 +148,7 @@ def test_a_faint_print_on_the_reference_is_said_when_it_goes(tmp_path: Path) -> 
 
 def test_a_described_grid_stands_for_the_regular_one(tmp_path: Path) -> None:
     """Markers that are printed askew, as the description says, are no bulge against it."""
-    folder = write_raw(tmp_path / "g")
-    raw = read_raw_grasp(folder)
+    raw = read_raw_grasp(write_raw(tmp_path / "g"))
     sensor = raw.pads[0].sensor
     picture = drawn(pressed(grid(), 5.0))
     reference = reference_of(picture, source="drawn")

@@ -60,8 +60,7 @@ def test_one_squeeze_has_the_usual_spread_and_many_their_own():
     assert single.repeat_mm == pytest.approx(
         0.05 * np.sqrt(2) * 2.920 / 1.645 * single.curve.give_mm[-1], rel=1e-3
     )
-    many = fitted(rng, scales=(1.0,) * 12)
-    assert many.repeat_mm < 0.3 * single.repeat_mm
+    assert fitted(rng, scales=(1.0,) * 12).repeat_mm < 0.3 * single.repeat_mm
 
 
 def test_friction_between_the_ways_is_said_and_is_in_the_spread():

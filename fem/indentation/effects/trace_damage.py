@@ -78,4 +78,4 @@ DAMAGE = TraceEffect(
     force_factor=damage_share,
 )
 """Priors on these scales: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand). The error
-of this reduced law is 0.3 % of the largest force (tests/fem/test_indenter_laws.py)."""
+of this reduced law is 0.3 % of the largest force (tests/fem/test_rubber_laws.py)."""

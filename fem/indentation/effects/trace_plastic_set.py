@@ -10,7 +10,7 @@ from fem.mismatch.effects.plastic_set import SPEC
 #: limit of the springs' mean pressure over the yield stress (hardness, with pile-up around the ball), and
 #: sharpness of the transition to it: both fitted to finite elements
 HARDNESS, SHARP = 4.9, 1.7
-#: the same sharpness under a flat punch (tests/fem/test_flat_punch.py)
+#: the same sharpness under a flat punch (tests/fem/test_compressed_cylinder.py)
 RIM = 4.0
 
 
@@ -58,4 +58,4 @@ PLASTIC_SET = TraceEffect(
     slack_mm=plastic_slack_mm,
 )
 """Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). The error of this reduced law is 0.5 % of
-the largest force (tests/fem/test_indenter_laws.py)."""
+the largest force (tests/fem/test_rubber_laws.py)."""

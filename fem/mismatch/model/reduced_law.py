@@ -21,7 +21,7 @@ from fem.mismatch.model.plain_model import Fields, GraspResponse
 
 CORRECTIONS = 3
 """Highest power of K0^-1 D in V; tests compare reduced and full responses for three
-(tests/fem/test_mismatch_core_laws.py)."""
+(tests/fem/test_mismatch_flesh_laws.py)."""
 Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 """K_i: from displacements to their nodal forces, for E = 1 MPa."""
 

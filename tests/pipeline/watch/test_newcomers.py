@@ -1,6 +1,7 @@
-"""Fruit that `drupe watch` grades one by one: their cost, their ranks, and when reports are made."""
+"""Fruit that `drupe watch` grades one by one, their cost and ranks, and those it cannot grade."""
 
 import json
+import shutil
 from collections import Counter
 
 import pytest
@@ -61,8 +62,7 @@ def test_of_several_at_once_each_is_shown_when_it_ends(batch, watched):
 
     watched(*one_by_one(batch, "C", "D"), both, jobs=2)
     shown = [(entry.recent[:2], entry.working) for entry in watched.shown]
-    at = shown.index((("A", "D"), ("B",)))
-    assert shown[at + 1] == (("B", "A"), ())
+    assert shown[shown.index((("A", "D"), ("B",))) + 1] == (("B", "A"), ())
 
 
 def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all(batch, watched, monkeypatch):
@@ -161,3 +161,75 @@ def test_a_watched_day_ends_with_the_results_of_a_plain_grade(batch, watched, tm
 
     assert left(batch / "results") == left(tmp_path / "plain")
     assert json.loads((batch / "results" / "batch.json").read_text())["outcomes"]["K"] == "implausible-input"
+
+
+LATER = [lambda: None] * 40
+"""Enough looks for what was refused to be tried again."""
+
+
+def in_the_way(batch, name):
+    """A file of somebody else's where the fruit's results go."""
+    place = batch / "results" / "fruits" / name
+    place.mkdir(parents=True)
+    (place / "record.json").write_text("somebody else's")
+
+
+def taken_away(batch, name):
+    shutil.rmtree(batch / "fruits" / name)
+
+
+def problems(watched):
+    return {problem for entry in watched.shown for problem in entry.problems}
+
+
+def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch, watched):
+    put(batch, "D")
+    of_another(batch, "A", "B")
+    assert watched() == 0
+    status = watched(
+        lambda: in_the_way(batch, "B"), *one_by_one(batch, "B"), lambda: taken_away(batch, "B"), *LATER
+    )
+    assert any("fruits/B/record.json" in problem for problem in problems(watched))
+    assert (status, sorted(rows(batch / "results"))) == (0, ["A", "D"])
+
+
+def test_a_newcomer_that_is_still_refused_is_said_by_the_status(batch, watched):
+    assert watched(*one_by_one(batch, "A"), lambda: in_the_way(batch, "N9"), *one_by_one(batch, "N9")) == 2
+    assert sorted(rows(batch / "results")) == ["A"]
+
+
+def changed(batch, name):
+    (batch / "fruits" / name / "grasps" / "grasp-2.h5").write_text("again")
+
+
+def as_before(batch, name):
+    (batch / "fruits" / name / "grasps" / "grasp-2.h5").unlink()
+
+
+@pytest.mark.parametrize("why", ["place", "memory"])
+@pytest.mark.parametrize("then", [as_before, taken_away])
+def test_a_changed_fruit_that_was_refused_and_is_as_before_or_gone_leaves_a_whole_batch(
+    batch, watched, monkeypatch, why, then
+):
+    memory_MiB = grading.free_memory_MiB
+
+    def refused():
+        changed(batch, "B")
+        if why == "memory":
+            monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        else:
+            (batch / "results" / "fruits" / "B").rename(batch / "B before")
+            (batch / "results" / "fruits" / "B").symlink_to(batch / "B before")
+
+    def restored():
+        then(batch, "B")
+        if why == "memory":
+            monkeypatch.setattr(grading, "free_memory_MiB", memory_MiB)
+        else:
+            (batch / "results" / "fruits" / "B").unlink()
+            (batch / "B before").rename(batch / "results" / "fruits" / "B")
+
+    assert watched(*one_by_one(batch, "A", "B")) == 0
+    status = watched(refused, *QUIET, restored, *LATER)
+    assert problems(watched)
+    assert (status, sorted(rows(batch / "results"))) == (0, ["A", "B"] if then is as_before else ["A"])
