@@ -38,7 +38,7 @@ MOST_STEP = 1.0
 MARGIN = 1e-3
 """Margin from both bounds, as a share of a parameter's range: some laws have no solution at a bound."""
 SAME_E = 0.01
-"""Relative change of 1/E below which laws that depend on it are not computed again: E is known no better."""
+"""Relative change of 1/E below which the model is not computed again: E is known no better."""
 TRUST = 10.0
 """Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wider than
 other recordings determine it and narrow enough for linear slopes."""
@@ -306,13 +306,11 @@ class _Search:
         return fit.effect.respond(self.model, dict(parameters), fit.signature.variant)
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
-        """The model at the fit's 1/E, if the response depends on 1/E; and whether 1/E changed.
+        """The model at the fit's 1/E, on which large deformation depends; and whether 1/E changed.
 
         Parameters change with 1/E so that the law stays the same (EffectParameter.strain_power). In soft
         flesh 1/E and the model's own error are nearly collinear: that fit omits the error's columns.
         """
-        if not self.power.any():
-            return now, False
         firm = [j for j in now.chosen if now.products.columns[j].same_as is None]
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
