@@ -140,12 +140,11 @@ def modulus_with(again: Refit) -> ModulusWith:
     """
     responses = [again.response, *(ahead for _, ahead in again.ahead)]
     holds_it = any(effect.spec.holds_large_deformation for effect in again.effects)
-    model = replace(again.model, compliance=_compliance(again))
     plain, *changed = _moduli(
-        model,
+        again.model,
         responses,
-        _without(model.case.budget, again.effects),
-        beyond=displacement_beyond(model, large_deformation=not holds_it),
+        _without(again.model.case.budget, again.effects),
+        beyond=displacement_beyond(again.model, large_deformation=not holds_it),
     )
     widening, relation_sd = _law_widening(again), _relation_sd(again)
     parameters = slice(len(again.fit.amounts) - len(widening), None)
@@ -173,12 +172,10 @@ def _apart(again: Refit, modulus: Modulus) -> float:
     Both use the same recordings and model with different weights: errors of the model separate them. Their
     agreement proves nothing, so this only ever widens an error bar.
     """
-    return abs(float(np.log(modulus.value * _compliance(again) / again.model.modulus_scale))) / 2
-
-
-def _compliance(again: Refit) -> float:
-    """1/E of the finder's own evidence with the explanation; at least LEAST_COMPLIANCE."""
-    return max(again.model.compliance * (1 + float(again.fit.amounts[0])), LEAST_COMPLIANCE)
+    compliance = again.model.compliance * (1 + float(again.fit.amounts[0]))
+    if compliance <= 0:
+        return 0.0
+    return abs(float(np.log(modulus.value * compliance / again.model.modulus_scale))) / 2
 
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
