@@ -68,7 +68,7 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
     zero = layer("line", across, (0.0, 0.0), colour="soft")
     caption = say(
         "marks: recording; line: travel of the fitted model under the same force; "
-        "band: ± 2 standard deviations of E"
+        "band: ± 2 standard deviations of this grasp's E"
     )
     of_residuals: Chart = {
         "title": f"{say('Residual')}, {recording.grasp}",

@@ -93,6 +93,12 @@ class GaugeStudy:
         """A component as a percentage of the total variation."""
         return 100 * sd / self.total if self.total else 0.0
 
+    @property
+    def words(self) -> str:
+        """Share of the gauge in the total variation, and the categories if they are known."""
+        share = f"gauge R&R is {self.percent(self.gauge):.1f} % of the total variation"
+        return share if self.categories is None else f"{share}; distinct categories: {self.categories}"
+
 
 def gauge_study(readings: Float[np.ndarray, "parts appraisers trials"]) -> GaugeStudy:
     """The study of readings of at least two parts, appraisers and trials."""
@@ -165,11 +171,7 @@ def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
     )
     return GaugeEntry(
         kind=kind,
-        words=(
-            f"{len(parts)} fruit or bodies, {len(names)} {kind}s, {trials} trials: gauge R&R is "
-            f"{study.percent(study.gauge):.1f} % of the total variation, with {study.categories} distinct "
-            "categories"
-        ),
+        words=(f"{len(parts)} fruit or bodies, {len(names)} {kind}s, {trials} trials: {study.words}"),
         components=tuple((name, 100 * sd, study.percent(sd)) for name, sd in components),
         biases=tuple(
             (name, 100 * float(relative_bias)) for name, relative_bias in zip(names, bias, strict=True)

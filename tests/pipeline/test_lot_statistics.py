@@ -49,6 +49,12 @@ def test_the_manuals_example_has_the_manuals_components():
     assert components == pytest.approx((0.199933, 0.226838, 0.302373, 1.042327), abs=1e-5)
     assert study.percent(study.gauge) == pytest.approx(27.9, abs=0.05)
     assert study.categories == 4
+    assert study.words.endswith("27.9 % of the total variation; distinct categories: 4")
+
+
+def test_readings_that_repeat_exactly_have_no_number_of_categories():
+    study = gauge_study(np.arange(3.0)[:, None, None] + np.zeros((3, 2, 2)))
+    assert study.words == "gauge R&R is 0.0 % of the total variation"
 
 
 def test_an_interaction_that_is_simulated_is_its_own_component():
