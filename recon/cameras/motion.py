@@ -85,15 +85,15 @@ def cameras_from_features(
             "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply."
         )
     with tempfile.TemporaryDirectory() as scratch:
-        model = _mapped(photos, Path(scratch))
-    registered = 0 if model is None else model.num_reg_images()
-    if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
+        mapped = _mapped(photos, Path(scratch))
+    registered = 0 if mapped is None else mapped.num_reg_images()
+    if mapped is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
         raise ReconProblem.NO_OVERLAP.failure(
             f"Features of the photos give camera poses for only {registered} of {len(photos)} photos. "
             "Without a mat, the fruit needs a textured ground, and neighbouring photos must be within 20 "
             "degrees. Print the mat (drupe mat) or take more photos."
         )
-    rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
+    rows = sorted((int(image.name[:6]), image) for image in mapped.images.values() if image.has_pose)
     if rows[0][0] != 0:
         raise ReconProblem.NO_OVERLAP.failure(
             f"The first photo ({photos[0].name}) shares too few features with the others. Without a "
@@ -101,16 +101,16 @@ def cameras_from_features(
             "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat)."
         )
     cameras = [_camera(photos[i], image) for i, image in rows]
-    cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
+    cloud = np.array([p.xyz for p in mapped.points3D.values() if p.track.length() >= 3])
     level = _level(cloud, cameras)
     cameras = [c.moved(level) for c in cameras]
     world, box = placed([photos[i] for i, _ in rows], cameras, height_mm, model)
     cameras = [c.moved(world) for c in cameras]
-    focal = model.cameras[rows[0][1].camera_id]
+    focal = mapped.cameras[rows[0][1].camera_id]
     return Poses(
         cameras=tuple(cameras),
         used=np.array([i for i, _ in rows], int),
-        reprojection_px=float(model.compute_mean_reprojection_error()),
+        reprojection_px=float(mapped.compute_mean_reprojection_error()),
         scale_sd=float("inf"),
         focal_sd_px=0.002 * float(focal.params[0]),
         box=box,

@@ -106,6 +106,24 @@ def test_large_deformation_grows_with_the_fitted_compliance(neo_hookean, share):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("share", [0.6, 1.5])
+def test_a_refit_follows_the_fitted_compliance(neo_hookean, share):
+    """A refit without a law that depends on 1/E ends at the true one, with large deformation of its size."""
+    injected, _ = neo_hookean
+    other = replace(injected, compliance=share * injected.compliance)
+    linear = screened_effects(other, [poisson_ratio.EFFECT])
+    again = refit(other, linear, (linear.best[0],))
+    columns = [again.products.columns[j].name for j in again.fit.chosen]
+    at = columns.index(LARGE_DEFORMATION)
+    assert again.model.compliance == pytest.approx(injected.compliance, rel=0.03)
+    assert again.fit.amounts[0] == pytest.approx(0.0, abs=0.01)
+    assert again.fit.amounts[at] == pytest.approx(0.0, abs=0.1)
+    assert again.products.columns[again.fit.chosen[at]].mean == pytest.approx(
+        (again.model.compliance / other.compliance) ** 2
+    )
+
+
+@pytest.mark.slow
 def test_stiffening_holds_large_deformation_itself(neo_hookean):
     """Its refit goes without the plain model's, and finds no more b than it starts from."""
     injected, linear = neo_hookean

@@ -2,6 +2,7 @@
 
 import pickle
 import signal
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from refusals import refused
 from small_batches import python
 
 from recon.cameras import motion
+from recon.cameras.camera import Camera
 from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import FEWEST_TAGS, cameras_from_mat
 from recon.cameras.motion import cameras_from_features, cameras_from_motion
@@ -276,22 +278,63 @@ class Redness:
         return [np.clip(2000 * (feeds["images"][:, :1] - 154 / 255), -6, 6)]
 
 
-def test_fruit_of_the_colour_of_its_ground_is_placed_with_the_fruit_model():
-    """Skin and ground differ by less than ground may differ from its plate."""
-    egg, cameras = Egg(x_mm=12.0, y_mm=-9.0), ring(9, width=240, height=180)
+EGG = Egg(x_mm=12.0, y_mm=-9.0)
+
+
+def photos_of_alike_ground(cameras: list[Camera]) -> list[Photo]:
+    """EGG on ground of nearly its colour."""
     v, u = np.mgrid[:180, :240]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     photos = []
     for camera in cameras:
-        covered = egg.covers(camera, pixels).reshape(180, 240, 1)
+        covered = EGG.covers(camera, pixels).reshape(180, 240, 1)
         image = np.where(covered, np.array([90, 112, 158]), np.array([90, 120, 150])).astype(np.uint8)
         photos.append(Photo(camera.name, image))
+    return photos
+
+
+def test_fruit_of_the_colour_of_its_ground_is_placed_with_the_fruit_model():
+    """Skin and ground differ by less than ground may differ from its plate."""
+    cameras = ring(9, width=240, height=180)
+    photos = photos_of_alike_ground(cameras)
     with refused(ReconProblem.NO_FRUIT, "drupe found no fruit"):
         placed(photos, cameras, 48.0)
     world, (_, high_mm) = placed(photos, cameras, 48.0, FruitModel(SHIPPED, Redness()))
-    middle = world[:3, :3] @ egg.centre + world[:3, 3]
-    assert (np.abs(middle[:2]) + egg.semi_mm[:2] < high_mm[:2]).all()
-    assert middle[2] == pytest.approx(egg.centre[2], rel=0.1)
+    middle = world[:3, :3] @ EGG.centre + world[:3, 3]
+    assert (np.abs(middle[:2]) + EGG.semi_mm[:2] < high_mm[:2]).all()
+    assert middle[2] == pytest.approx(EGG.centre[2], rel=0.1)
+
+
+def test_cameras_from_features_place_the_fruit_with_the_fruit_model(monkeypatch):
+    """COLMAP's reconstruction is replaced by true cameras and points of the ground."""
+    cameras = ring(9, width=240, height=180)
+    lens = SimpleNamespace(params=[cameras[0].focal_px, 120.0, 90.0, 0.0])
+    ground = np.c_[np.random.default_rng(0).uniform(-80, 80, (400, 2)), np.zeros(400)]
+    track = SimpleNamespace(length=lambda: 3)
+
+    def image_of(camera: Camera) -> SimpleNamespace:
+        pose = SimpleNamespace(matrix=lambda: camera.cam_from_world[:3])
+        name = f"000{camera.name}"
+        return SimpleNamespace(
+            name=name, has_pose=True, camera_id=1, camera=lens, cam_from_world=lambda: pose
+        )
+
+    mapped = SimpleNamespace(
+        num_reg_images=lambda: len(cameras),
+        images=dict(enumerate(map(image_of, cameras))),
+        points3D={
+            k: SimpleNamespace(xyz=x, track=SimpleNamespace(length=lambda: 3)) for k, x in enumerate(ground)
+        },
+        cameras={1: lens},
+        compute_mean_reprojection_error=lambda: 0.5,
+    )
+    monkeypatch.setattr(motion, "pycolmap", object())
+    monkeypatch.setattr(motion, "_mapped", lambda *_: mapped)
+    model = FruitModel(SHIPPED, Redness())
+    poses = cameras_from_features(photos_of_alike_ground(cameras), height_mm=48.0, model=model)
+    assert len(poses.used) == len(cameras)
+    apart = [np.linalg.norm(known[0].place - known[4].place) for known in (poses.cameras, cameras)]
+    assert apart[0] == pytest.approx(apart[1], rel=0.1)
 
 
 def test_a_first_photo_from_straight_above_is_refused():

@@ -160,6 +160,7 @@ class GramMatrix:
         (fem.mismatch.model.force_noise).
         """
         other = copy(self)
+        other._compliance = model.compliance
         biased = [j for j in signatures if self.bias[:, j].any()]
         moved = replace(response, shift_mm=None)  # no noise of forces reaches the shift of markers
         changes = [

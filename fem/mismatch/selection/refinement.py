@@ -39,6 +39,8 @@ MARGIN = 1e-3
 """Margin from both bounds, as a share of a parameter's range: some laws have no solution at a bound."""
 SAME_E = 0.01
 """Relative change of 1/E below which the model is not computed again: E is known no better."""
+MOST_CHANGE = 2.0
+"""Factor by which 1/E changes at most in a round. Set by hand; further rounds go on from there."""
 TRUST = 10.0
 """Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wider than
 other recordings determine it and narrow enough for linear slopes."""
@@ -136,9 +138,7 @@ def refit(
             gained = search.merit(ahead) - now.merit
             now = search.linearised(ahead)
         now, again = search.followed(now)
-        if again:
-            gained = float("inf")
-        elif gained < LAST_ROUND_GAIN:
+        if not again and gained < LAST_ROUND_GAIN:
             break
     count = len(specs)
     # slopes are at a fixed 1/E, parameters also change with 1/E (strain_power)
@@ -312,12 +312,16 @@ class _Search:
         flesh 1/E and the model's own error are nearly collinear: that fit omits the error's columns.
         """
         firm = [j for j in now.chosen if now.products.columns[j].same_as is None]
-        share = 1 + float(now.products.fit(firm).amounts[0])
-        if abs(share - 1) < SAME_E or share <= 0:
+        share = float(np.clip(1 + now.products.fit(firm).amounts[0], 1 / MOST_CHANGE, MOST_CHANGE))
+        if abs(share - 1) < SAME_E:
             return now, False
-        self.model = replace(self.model, compliance=self.model.compliance * share)
-        self.known = {}
-        return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
+        before = self.model
+        self.model, self.known = replace(before, compliance=before.compliance * share), {}
+        try:
+            return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
+        except FemFailure:
+            self.model, self.known = before, {}
+            return now, False
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """Log evidence of the model with these parameters fixed; -inf if there is no model."""
