@@ -322,9 +322,7 @@ def test_cameras_from_features_place_the_fruit_with_the_fruit_model(monkeypatch)
     mapped = SimpleNamespace(
         num_reg_images=lambda: len(cameras),
         images=dict(enumerate(map(image_of, cameras))),
-        points3D={
-            k: SimpleNamespace(xyz=x, track=SimpleNamespace(length=lambda: 3)) for k, x in enumerate(ground)
-        },
+        points3D={k: SimpleNamespace(xyz=x, track=track) for k, x in enumerate(ground)},
         cameras={1: lens},
         compute_mean_reprojection_error=lambda: 0.5,
     )

@@ -317,7 +317,7 @@ def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]
 
 def _along_compliance(model: CaseModel, unit: Fields, columns: Sequence[Regressor]) -> list[ObservationDelta]:
     """Derivative of each recording's prediction with respect to ln s: s c, and the columns' prior means by
-    their powers.
+    their powers. A change of c with s is left to the search of a refit, which follows s.
     """
     fields = [ObservationDelta(markers=model.compliance * response) for response in unit]
     for column in columns:
