@@ -281,7 +281,7 @@ class Redness:
 EGG = Egg(x_mm=12.0, y_mm=-9.0)
 
 
-def photos_of_alike_ground(cameras: list[Camera]) -> list[Photo]:
+def photos_on_similar_ground(cameras: list[Camera]) -> list[Photo]:
     """EGG on ground of nearly its colour."""
     v, u = np.mgrid[:180, :240]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
@@ -296,7 +296,7 @@ def photos_of_alike_ground(cameras: list[Camera]) -> list[Photo]:
 def test_fruit_of_the_colour_of_its_ground_is_placed_with_the_fruit_model():
     """Skin and ground differ by less than ground may differ from its plate."""
     cameras = ring(9, width=240, height=180)
-    photos = photos_of_alike_ground(cameras)
+    photos = photos_on_similar_ground(cameras)
     with refused(ReconProblem.NO_FRUIT, "drupe found no fruit"):
         placed(photos, cameras, 48.0)
     world, (_, high_mm) = placed(photos, cameras, 48.0, FruitModel(SHIPPED, Redness()))
@@ -329,7 +329,7 @@ def test_cameras_from_features_place_the_fruit_with_the_fruit_model(monkeypatch)
     monkeypatch.setattr(motion, "pycolmap", object())
     monkeypatch.setattr(motion, "_mapped", lambda *_: mapped)
     model = FruitModel(SHIPPED, Redness())
-    poses = cameras_from_features(photos_of_alike_ground(cameras), height_mm=48.0, model=model)
+    poses = cameras_from_features(photos_on_similar_ground(cameras), height_mm=48.0, model=model)
     assert len(poses.used) == len(cameras)
     apart = [np.linalg.norm(known[0].place - known[4].place) for known in (poses.cameras, cameras)]
     assert apart[0] == pytest.approx(apart[1], rel=0.1)
