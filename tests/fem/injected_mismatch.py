@@ -286,9 +286,14 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
     return change
 
 
+def small_strain_model(case: MismatchCase) -> CaseModel:
+    """The plain model without large deformation, which the truth of this module lacks."""
+    return replace(case_model(case)[0], beyond_small_strain=False)
+
+
 def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[CaseModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
-    model, _ = case_model(case)
+    model = small_strain_model(case)
     linear = screened_effects(model, [effect])
     again = refit(model, linear, [linear.best[0]])
     assert again is not None

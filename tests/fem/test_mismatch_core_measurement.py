@@ -19,6 +19,7 @@ from injected_mismatch import (
     misplaced,
     on_pad,
     only_grasp,
+    small_strain_model,
 )
 from jaxtyping import Float
 from pinched_case_model import COMPLIANCE, in_full, model_of
@@ -128,7 +129,7 @@ def test_one_pads_gain_over_the_others_is_found():
 
 def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
     """Nothing is known of the gels: with 0.8 on the right pad E is right, with 1.25 on the left 0.8 of it."""
-    model, _ = case_model(only_grasp(injected_case(on_pad("right", gained(0.8))), 0))
+    model = small_strain_model(only_grasp(injected_case(on_pad("right", gained(0.8))), 0))
     linear = screened_effects(model, [sensor_gain.EFFECT])
     selected = select_model(model, linear, p_value=0.0)
     first = selected.ranking[0]

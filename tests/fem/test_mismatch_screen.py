@@ -50,7 +50,9 @@ def sound() -> Screened:
 
 @cache
 def gained() -> Screened:
-    return screen_of(injected_case(on_pad("left", lambda pad: replace(pad, force_N=GAIN * pad.force_N))))
+    """Without large deformation, which the truth lacks."""
+    case = injected_case(on_pad("left", lambda pad: replace(pad, force_N=GAIN * pad.force_N)))
+    return screen(case, solids={"free": solid()}, beyond_small_strain=False)
 
 
 def amount(screened: Screened, effect: str, pad: str) -> tuple[float, float]:
