@@ -243,11 +243,11 @@ def score(
         pd.DataFrame(case_table(rows, labelled)).to_csv(csv, index=False)
     if figure is not None:
         cases = [scored(row, labelled[row["case"]]) for row in rows if "failure" not in row]
-        known = [case for case in cases if case.kind == "single" and amplitude_over_bound(case) is not None]
-        stimuli = [amplitude_over_bound(case) or 0.0 for case in known]
-        seen = [[case.detected for case in known], [case.named_first for case in known]]
+        singles = [(case, amplitude_over_bound(case)) for case in cases if case.kind == "single"]
+        known = [(case, amplitude) for case, amplitude in singles if amplitude is not None]
+        seen = [[case.detected for case, _ in known], [case.named_first for case, _ in known]]
         words = "amplitude over its Cramér-Rao bound (noise alone)"
-        figure.write_bytes(png_of(score_figure(stimuli, seen, cases, words)))
+        figure.write_bytes(png_of(score_figure([amplitude for _, amplitude in known], seen, cases, words)))
     return int(bool(wrong))
 
 

@@ -171,7 +171,7 @@ def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
     )
     return GaugeEntry(
         kind=kind,
-        words=(f"{len(parts)} fruit or bodies, {len(names)} {kind}s, {trials} trials: {study.words}"),
+        words=f"{len(parts)} fruit or bodies, {len(names)} {kind}s, {trials} trials: {study.words}",
         components=tuple((name, 100 * sd, study.percent(sd)) for name, sd in components),
         biases=tuple(
             (name, 100 * float(relative_bias)) for name, relative_bias in zip(names, bias, strict=True)

@@ -372,7 +372,7 @@ def test_an_explanation_without_a_full_model_is_dropped_and_said(selected):
 
 
 def test_unknown_physics_may_resemble_an_explanation_without_a_full_model(selected):
-    """300 nats do not vanish with it: neither none nor a weak effect stands in."""
+    """The evidence of 300 nats remains: the verdict is not "none" and not a weak effect."""
     assert selected(Round({"skin": 300.0, "slip": 15.0}, fails=("skin",))).verdict == "unknown"
 
 

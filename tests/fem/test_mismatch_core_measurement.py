@@ -504,7 +504,7 @@ def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effec
     slope = COMPLIANCE * (solved(tuple(place)) - solved(tuple(-place))) / (2 * step)
     (signature,) = effect.signatures(model())
     markers = signature.columns[0].fields[0].markers
-    # rigid motions are every frame's own: what is left without them counts
+    # each frame has its own rigid motion, so fields are compared without rigid motions
     modes = rigid_motion(model().grasps[0].tracks.place_mm).reshape(-1, 6)
 
     def strained(field: np.ndarray) -> np.ndarray:

@@ -303,7 +303,7 @@ TIME = np.arange(len(FORCE)) * 1.0
 
 
 def recorded(seed: int = 0, *, more: np.ndarray | float = 0.0, gel: np.ndarray | None = None) -> PadHistory:
-    """A bed of springs, unless `gel` (pad axes) says otherwise; `more` force of which it knows nothing."""
+    """A bed of springs, unless `gel` (displacement, pad axes) is given. `more`: force without the gel."""
     rng = np.random.default_rng(seed)
     moved = -FORCE / GEL_N_PER_MM if gel is None else gel
     force = (FORCE + more) @ TURN.T

@@ -410,7 +410,7 @@ def test_what_cannot_be_is_said(tmp_path: Path, empty: Path) -> None:
 
 
 def grasp(force_sd: float, displacement_sd: float) -> Recording:
-    """Jaws that close by 2 mm, of which either gel gives 0.25."""
+    """Jaws that close by 2 mm; each gel is compressed by 0.25 mm."""
     time_s = np.arange(5.0)
     share = np.linspace(0, 1, 5)
     rest = np.column_stack([*(axis.ravel() for axis in np.meshgrid([-1.0, 0, 1], [-1.0, 0, 1])), np.zeros(9)])

@@ -87,19 +87,10 @@ def displacement_beyond(model: CaseModel, *, large_deformation: bool = True) -> 
 
 def large_deformation(model: CaseModel) -> Fields | FemFailure:
     """Change of the unit response by large deformation at every recording's markers, mm MPa; or the failure
-    of its solve. At another 1/E it is scaled in proportion.
+    of its solve.
     """
-
-    def compute() -> tuple[float, Fields | FemFailure]:
-        field = neo_hookean_field(model)
-        if isinstance(field, FemFailure):
-            return model.compliance, field
-        return model.compliance, stiffening_path(model).at_markers(field)
-
-    compliance, fields = model.memoised(LARGE_DEFORMATION, compute)
-    if isinstance(fields, FemFailure):
-        return fields
-    return [model.compliance / compliance * field for field in fields]
+    field = neo_hookean_field(model)
+    return field if isinstance(field, FemFailure) else stiffening_path(model).at_markers(field)
 
 
 def turned_fruits(model: CaseModel) -> list[Float[np.ndarray, "_f _n 3"] | None]:

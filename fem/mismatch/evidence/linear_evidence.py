@@ -61,9 +61,9 @@ class GramMatrix:
 
     Row 0 is the data (less prior means), row 1 the plain model (the derivative of its prediction with
     respect to ln s: s c, and columns whose prior mean grows with a power of s), then the columns in the order
-    given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
-    given, counted from one. Products with the data are corrected for `bias`, by recording and column: that of
-    noise in the forces (fem.mismatch.model.force_noise) and `surface`, that of the scanned surface's error
+    given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those given, counted from one.
+    Products with the data are corrected for `bias`, by recording and column: that of noise in the forces
+    (fem.mismatch.model.force_noise) and `surface`, that of the scanned surface's error
     (fem.mismatch.evidence.surface_bias).
     """
 

@@ -40,7 +40,8 @@ MARGIN = 1e-3
 SAME_E = 0.01
 """Relative change of 1/E below which the model is not computed again: E is known no better."""
 MOST_CHANGE = 2.0
-"""Factor by which 1/E changes at most in a round. Set by hand; further rounds go on from there."""
+"""Factor by which 1/E changes at most in a round, so that a hardly known 1/E does not run away. Set by hand;
+further rounds go on from there."""
 TRUST = 10.0
 """Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wider than
 other recordings determine it and narrow enough for linear slopes."""
