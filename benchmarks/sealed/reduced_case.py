@@ -31,7 +31,7 @@ from pipeline.fruit.stage_log import StageLog
 
 FORMAT = 2
 """Of the file; a reader refuses another."""
-WORDS = ("name", "sd", "mean", "positive", "least", "same_as")
+WORDS = ("name", "sd", "mean", "measured", "positive", "least", "same_as")
 """What a file keeps of a Regressor."""
 OF_MODEL_ERROR = "model error"
 """Role of columns that stand for the model's own error."""
@@ -64,7 +64,8 @@ class ReducedCase:
     def gram(self) -> GramMatrix:
         """The products as selection takes them."""
         regressors = [
-            Regressor(fields=(), **{word: column[word] for word in WORDS}) for column in self.columns
+            Regressor(fields=(), **{word: column[word] for word in WORDS if word in column})
+            for column in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
 

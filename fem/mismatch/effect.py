@@ -111,10 +111,11 @@ class Response:
         per: float = 1.0,
         positive: bool = False,
         least: float = 0.0,
+        measured: float = 0.0,
     ) -> Regressor:
         """Its change as a column. The change is that of an amount `per`; options as of Regressor."""
         fields = [ObservationDelta().plus(1 / per, self.change(model, k)) for k in range(len(self.unit))]
-        return Regressor(name=name, sd=sd, fields=fields, positive=positive, least=least)
+        return Regressor(name=name, sd=sd, fields=fields, positive=positive, least=least, measured=measured)
 
     @classmethod
     def plain(

@@ -1,14 +1,13 @@
 """Effects of a gel or its reading that appear in the relation of force to the gel's displacement.
 
 A law (fem.mismatch.evidence.gel_relation.GelLaw) maps true force and displacement to recorded
-ones. The fit of this relation gives the search its start and prior. But a gel may truly behave so, and be
-read correctly. The flesh's equations decide: they are fitted with the law inverted,
+ones. The fit of this relation gives the evidence for the law, and the prior of its amounts. But a gel may
+truly behave so, and be read correctly. The flesh's equations with the law inverted,
 
     y - shift(theta) = X + s c(f_true(theta)) + ...
 
-and without. If inverting the law does not improve their fit, the effect is not detected. f_true drives the
-model as recorded forces do (fem.estimation.prepared_grasp), which derives most of them from the displacement
-already.
+and without separate the two (fem.mismatch.selection.decision). f_true drives the model as recorded forces do
+(fem.estimation.prepared_grasp), which derives most of them from the displacement already.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,10 +31,6 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
-LEAST_EVIDENCE = 8.0
-"""Least ln evidence of the relation that detects an effect. Cases without a fault of the gel have 3 at most;
-their fitted a, creep and share are 0.011, 0.016 and 0.008 at most. Gels with 0.4 of a marker's displacement
-coupled to its neighbours reach 0.028, at an evidence of 1 (measured on simulated gels)."""
 KEPT, NO_FORCE_N = 1e-3, 1e-9
 """Relative and absolute (N) limits below which singular values of a change of forces are dropped."""
 HELD = 0.01
@@ -56,16 +51,18 @@ class GelFault(Effect):
     others: Mapping[str, float] = field(default_factory=dict)
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """One, if the relation and the flesh both show the fault: the change per measured amount."""
+        """One, if the relation determines the fault: the change per measured amount, which it then has."""
         measured = self.measured(model)
-        if measured is None or self.direct_evidence(model) <= 0:
+        if measured is None:
             return []
         nothing = {**measured.values, **dict.fromkeys(self.amounts, 0.0)}
         columns = []
         for name in self.amounts:
             amount = measured.values[name]
             there = self.respond(model, {**nothing, name: amount}, ONE_WAY)
-            columns.append(there.column(model, name, sd=self.prior_sd[name], per=amount))
+            columns.append(
+                there.column(model, name, sd=HELD * measured.sd[name], per=amount or 1.0, measured=amount)
+            )
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
@@ -82,11 +79,9 @@ class GelFault(Effect):
         return True
 
     def direct_evidence(self, model: CaseModel) -> float:
-        """Evidence of the relation if it is sufficient and the flesh agrees; otherwise zero."""
+        """Evidence of the relation; zero if it does not determine the fault."""
         measured = self.measured(model)
-        if measured is None or measured.evidence < LEAST_EVIDENCE:
-            return 0.0
-        return measured.evidence if self.flesh_gain(model) > 0 else 0.0
+        return 0.0 if measured is None else measured.evidence
 
     def prior(self, model: CaseModel, signature: Signature) -> dict[str, Prior]:
         """The start, with HELD times the standard deviation of the relation. The flesh's equations determine
@@ -153,27 +148,6 @@ class GelFault(Effect):
             scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
         )
 
-    def flesh_gain(self, model: CaseModel) -> float:
-        """ln likelihood ratio of the markers' motion under the plain model, with the measured law inverted
-        and without; 1/E is fitted in both. Memoised for the case.
-        """
-        return model.memoised(("flesh gain", self.spec.name), partial(self._flesh_gain, model))
-
-    def _flesh_gain(self, model: CaseModel) -> float:
-        measured = self.measured(model)
-        if measured is None:
-            return 0.0
-        response = self.respond(model, measured.values, ONE_WAY)
-        return (_flesh_fit(model, None)[0] - _flesh_fit(model, response)[0]) / 2
-
-    def modulus_change(self, model: CaseModel) -> float:
-        """Relative change of E by inverting the measured law; zero if the relation does not determine it."""
-        measured = self.measured(model)
-        if measured is None:
-            return 0.0
-        response = self.respond(model, measured.values, ONE_WAY)
-        return _flesh_fit(model, None)[1] / _flesh_fit(model, response)[1] - 1
-
 
 def is_of_relation(effect: Effect) -> TypeGuard[GelFault]:
     """Whether it is a gel fault that appears in force against displacement."""
@@ -239,10 +213,3 @@ def drift_between(
     return float(
         (total_N[after].mean() - total_N[before].mean()) / (time_s[after].mean() - time_s[before].mean())
     )
-
-
-def _flesh_fit(model: CaseModel, response: Response | None) -> tuple[float, float]:
-    """Chi-square of the markers' motion at the best 1/E, and that 1/E (1/MPa)."""
-    known = Response.plain(model) if response is None else response
-    data, along, plain = model.compliance_products(known.unit, known.shift_mm)
-    return data - along**2 / plain, along / plain

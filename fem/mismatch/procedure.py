@@ -25,7 +25,7 @@ from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_modulus import hidden_gel_spread, modulus_by, reported_modulus
+from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
@@ -73,7 +73,6 @@ def explain(
         after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
         proof, traces = cross_validated(model, recorded, null, after)
-        hidden = hidden_gel_spread(model, EFFECTS, best)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         region, when, component = located(model, residual)
@@ -100,7 +99,6 @@ def explain(
                 for hypothesis, candidate in zip(selection.ranking, ranking, strict=True)
             ],
             plain,
-            hidden=hidden,
         ),
         heldout=proof,
         next_grasp=next_grasp(selection.verdict, grasps=len(recorded)),

@@ -20,6 +20,8 @@ from fem.mismatch.selection import decision, model_selection
 from fem.mismatch.selection.decision import (
     FREEDOM,
     MISFIT,
+    OUTSIDE,
+    TEMPERATURE,
     Detection,
     Weighed,
     credible_set,
@@ -43,6 +45,7 @@ def equations(rng: np.random.Generator, *, injected: float = 0.0) -> SignatureEq
         sd=np.array([1.0, 2.0, 0.5, 1.0, 1.0, 1.0]),
         positive=np.array([False, True, False, False, True, False]),
         least=np.zeros(6),
+        measured=np.zeros(6),
         ways={
             "skin": [(0,)],
             "slip": [(1,), (2,)],
@@ -78,6 +81,7 @@ def test_alternatives_of_one_effect_share_its_prior():
             sd=case.sd,
             positive=case.positive,
             least=case.least,
+            measured=case.measured,
             ways={"slip": [way]},
         ).log_bayes_factors(case.right[None])["slip"][0]
         for way in case.ways["slip"]
@@ -160,7 +164,7 @@ def test_an_amount_without_meaning_gains_nothing():
     case = equations(np.random.default_rng(11), injected=0.5)
     column = SignatureEquations(
         normal=case.normal, right=case.right, sd=case.sd, positive=np.ones(6, dtype=bool),
-        least=np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), ways={"skin": [(0,)]},
+        least=np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), measured=np.zeros(6), ways={"skin": [(0,)]},
     )  # fmt: skip
     assert column.log_bayes_factors(case.right[None])["skin"][0] == 0.0
     enough = replace(column, least=np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -177,10 +181,13 @@ def test_a_injected_effect_a_large_misfit_and_direct_marks_are_each_detected():
     assert test.p_value == pytest.approx(3 * np.exp(-10.0), rel=1e-3)
 
 
-def weighed(*explanations: tuple[str, float, float], direct: float = 0.0) -> dict[str, float]:
+def weighed(
+    *explanations: tuple[str, float, float], direct: float = 0.0, ambiguous: bool = False
+) -> dict[str, float]:
     """Probabilities of (name, gain, misfit over MISFIT), and of "unknown"."""
+    of_effects = {"direct": direct, "ambiguous": ambiguous}
     known = [
-        Weighed(name=name, gain=gain, misfit=ratio * MISFIT, direct=0.0 if name == NONE else direct)
+        Weighed(name=name, gain=gain, misfit=ratio * MISFIT, **({} if name == NONE else of_effects))
         for name, gain, ratio in explanations
     ]
     shares, unknown = probabilities(known)
@@ -212,6 +219,17 @@ def test_what_recordings_show_directly_cannot_be_unknown_physics():
     without = weighed((NONE, 0.0, 8.0), ("adhesion", 30.0, 7.9))
     directly = weighed((NONE, 0.0, 8.0), ("adhesion", 30.0, 7.9), direct=30.0)
     assert without["unknown"] > 0.5 > directly["unknown"]
+
+
+@pytest.mark.parametrize("flesh", [10.0, 0.0, -20.0])
+def test_the_flesh_separates_a_faulty_reading_from_a_gel_that_truly_behaves_so(flesh):
+    """Where the flesh is indifferent, the odds are those of the catalogue to physics outside of it."""
+    direct, case = 60.0, [(NONE, 0.0, 1.0), ("sensor_nonlinear", 60.0 + flesh, 1.0)]
+    probability = weighed(*case, direct=direct, ambiguous=True)
+    odds = (1 - OUTSIDE) / OUTSIDE * np.exp(flesh / TEMPERATURE)
+    assert probability["sensor_nonlinear"] / probability["unknown"] == pytest.approx(odds, rel=1e-6)
+    assert probability[NONE] < 1e-6
+    assert weighed(*case, direct=direct)["sensor_nonlinear"] > 0.99
 
 
 def test_a_pair_needs_more_than_a_single_effect():

@@ -140,6 +140,21 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     assert about.fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)
 
 
+def test_a_measured_amount_is_the_prior_mean_where_its_column_is_chosen(small):
+    recorded, columns, _ = small
+    known = [columns[0], replace(columns[1], measured=0.8), columns[2]]
+    products = GramMatrix(SimpleNamespace(compliance=0.4, workers=1), recorded, known)
+    y, noise, rows, sds = dense_parts(small, (1, 2))
+    covariance, mean = noise + (rows.T * sds**2) @ rows, 0.8 * rows[2]
+    constant = multivariate_normal(cov=noise).logpdf(0 * y)
+    fit = products.fit((1, 2))
+    truth = multivariate_normal(mean=mean, cov=covariance).logpdf(y)
+    assert fit.log_evidence + constant == pytest.approx(truth, abs=1e-8)
+    expected = [0.0, 0.0, 0.8] + sds**2 * (rows @ np.linalg.solve(covariance, y - mean))
+    np.testing.assert_allclose(fit.amounts, expected, rtol=1e-9)
+    assert products.fit((1,)).log_evidence == pytest.approx(small[2].fit((1,)).log_evidence, abs=1e-10)
+
+
 def test_what_one_recording_predicts_of_the_other_is_the_difference_of_two_evidences(small):
     y, noise, rows, sds = dense_parts(small, (1, 2))
     whole = noise + (rows.T * sds**2) @ rows

@@ -251,17 +251,20 @@ class GramMatrix:
         kept = range(len(self.rows)) if keep is None else keep
         weight = np.array([self.columns[j].sd for j in names]) ** -2.0
         normal, right = self._normal_equations(names, kept)
-        normal += np.diag(weight)
+        measured = np.array([self.columns[j].measured for j in names])
         total = sum(float(self.products[k][0, 0]) for k in kept)
+        total += measured @ (normal @ measured - 2 * right)
+        right -= normal @ measured
+        normal += np.diag(weight)
         factor = np.linalg.cholesky(normal)
-        amounts = np.linalg.solve(normal, right)
-        chi2 = total - right @ amounts
+        beyond = np.linalg.solve(normal, right)
+        chi2 = total - right @ beyond
         log_det = 2 * np.log(np.diag(factor)).sum() - np.log(weight).sum()
         return Fit(
             chosen=tuple(names),
             chi2=float(chi2),
             log_evidence=float(-(chi2 + log_det) / 2),
-            amounts=amounts,
+            amounts=measured + beyond,
             covariance=np.linalg.inv(normal),
         )
 

@@ -25,9 +25,9 @@ hand."""
 @dataclass(frozen=True, kw_only=True)
 class SignatureEquations:
     """`columns`: those of the case's products, in order. `ways`: each effect's alternative signatures, as
-    indices of their columns here. `sd`, `positive`: prior of each amount; `least`: the smallest meaningful
-    value of a positive amount. `law_error`: products of the columns with orthonormal errors of the law that
-    is given (fem.mismatch.evidence.law_error), if there is one.
+    indices of their columns here. `sd`, `positive`, `measured`: prior of each amount (Regressor). `least`:
+    the smallest meaningful value of a positive amount. `law_error`: products of the columns with orthonormal
+    errors of the law that is given (fem.mismatch.evidence.law_error), if there is one.
     """
 
     normal: Float[np.ndarray, "c c"]
@@ -35,6 +35,7 @@ class SignatureEquations:
     sd: Float[np.ndarray, " c"]
     positive: Bool[np.ndarray, " c"]
     least: Float[np.ndarray, " c"]
+    measured: Float[np.ndarray, " c"]
     ways: Mapping[str, Sequence[Sequence[int]]]
     columns: tuple[int, ...] = ()
     law_error: Float[np.ndarray, "c m"] | None = None
@@ -56,6 +57,7 @@ class SignatureEquations:
             sd=np.array([products.columns[j].sd for j in columns]),
             positive=np.array([products.columns[j].positive for j in columns], dtype=bool),
             least=np.array([products.columns[j].least for j in columns]),
+            measured=np.array([products.columns[j].measured for j in columns]),
             columns=tuple(columns),
             ways={
                 name: [tuple(place[j] for j in way) for way in ways if len(way)]
@@ -92,19 +94,21 @@ class SignatureEquations:
         return tuple(self.columns.index(j) for j in columns)
 
     def given(self, first: Sequence[int]) -> tuple["SignatureEquations", float]:
-        """The equations after the columns `first` are integrated out, and the signal b'(N + L)^-1 b that
-        these columns explain.
+        """The equations after the columns `first` are integrated out, and the signal that these columns
+        explain: b'(N + L)^-1 b for prior means of zero.
         """
-        given_columns = list(first)
-        normal = self.normal[np.ix_(given_columns, given_columns)] + np.diag(self.sd[given_columns] ** -2.0)
-        solved = np.linalg.solve(normal, np.c_[self.normal[given_columns], self.right[given_columns]])
-        left = self.normal - self.normal[:, given_columns] @ solved[:, :-1]
+        at = list(first)
+        measured, right = self.measured[at], self.right - self.normal[:, at] @ self.measured[at]
+        normal = self.normal[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0)
+        solved = np.linalg.solve(normal, np.c_[self.normal[at], right[at]])
+        left = self.normal - self.normal[:, at] @ solved[:, :-1]
+        signal = right[at] @ solved[:, -1] + measured @ (self.right[at] + right[at])
         return replace(
             self,
             normal=(left + left.T) / 2,
-            right=self.right - self.normal[:, given_columns] @ solved[:, -1],
+            right=right - self.normal[:, at] @ solved[:, -1],
             law_error=None,
-        ), float(self.right[given_columns] @ solved[:, -1])
+        ), float(signal)
 
     def given_law(
         self,
@@ -141,26 +145,32 @@ class SignatureEquations:
         return min(float(np.linalg.norm(inside, 2)) ** 2, 1.0)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
-        """Posterior means of the amounts of these columns without others: (N + L)^-1 b."""
+        """Posterior means of the amounts of these columns without others: (N + L)^-1 (b + L m)."""
         at = list(columns)
+        weight = self.sd[at] ** -2.0
         return np.asarray(
-            np.linalg.solve(self.normal[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0), self.right[at])
+            np.linalg.solve(
+                self.normal[np.ix_(at, at)] + np.diag(weight), self.right[at] + weight * self.measured[at]
+            )
         )
 
     def log_bayes_factor(
         self, columns: Sequence[int], right: Float[np.ndarray, "d c"], *, noise: float = 1.0
     ) -> Float[np.ndarray, " d"]:
-        """Of one signature over none. With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus
-        ln 2 Phi(mean / sd) for a positive amount. It is at most zero if an amount is below its `least`.
-        `noise`: variance of the noise, which N and b have as 1.
+        """Of one signature over none. With a ~ N(m, L^-1) and c = b - N m: c'(N + L)^-1 c / 2 + m'(b + c) / 2
+        - ln det(I + L^-1 N) / 2, plus ln 2 Phi(mean / sd) for a positive amount. It is at most zero if an
+        amount is below its `least`. `noise`: variance of the noise, which N and b have as 1.
         """
         at = list(columns)
-        weight = self.sd[at] ** -2.0
-        normal = self.normal[np.ix_(at, at)] / noise + np.diag(weight)
-        mine = right[:, at] / noise
-        amounts = np.linalg.solve(normal, mine.T).T
+        weight, measured = self.sd[at] ** -2.0, self.measured[at]
+        normal = self.normal[np.ix_(at, at)] / noise
+        beyond = right[:, at] / noise - measured @ normal
+        known = (right[:, at] / noise + beyond) @ measured
+        normal += np.diag(weight)
+        steps = np.linalg.solve(normal, beyond.T).T
+        amounts = measured + steps
         log_det = np.linalg.slogdet(normal)[1] - np.log(weight).sum()
-        log_factor = ((mine * amounts).sum(axis=1) - log_det) / 2
+        log_factor = ((beyond * steps).sum(axis=1) + known - log_det) / 2
         if len(at) == 1 and self.positive[at[0]]:
             log_factor = log_factor + np.log(2.0) + log_ndtr(amounts[:, 0] * np.sqrt(normal[0, 0]))
         meaningless = (self.positive[at] & (amounts < self.least[at])).any(axis=1)

@@ -43,7 +43,8 @@ class Regressor:
     meaning. `same_as`: for a column of the model's own error, the number (from one) of the case's column with
     the same fields (fem.mismatch.evidence.model_error). `of_forces`: the linear map from the forces to the
     fields, which gives their noise (fem.mismatch.model.force_noise); None if they hardly or not linearly
-    depend on the forces. `power`: of 1/E with which the prior mean and its spread grow.
+    depend on the forces. `power`: of 1/E with which the prior mean and its spread grow. `measured`: prior
+    mean by other data than the markers' motion; it counts where the column is fitted (`mean` always counts).
     """
 
     name: str
@@ -55,6 +56,7 @@ class Regressor:
     same_as: int | None = None
     of_forces: LinearInForces | None = None
     power: float = 0.0
+    measured: float = 0.0
 
     def at(self, share: float) -> "Regressor":
         """This column at so many times the 1/E."""

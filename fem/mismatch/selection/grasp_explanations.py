@@ -125,6 +125,7 @@ def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
         gain=mean_gain([fit.gain for fit in fits]),
         misfit=misfit_left(linear, (best,)),
         direct=best.direct,
+        ambiguous=is_of_relation(best.effect),
         linear_fits=(best,),
         modulus_change=_mixture(fits),
     )
@@ -172,6 +173,7 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str
                         ),
                         misfit=first.misfit - drop / linear.numbers,
                         direct=first.direct + best.direct,
+                        ambiguous=first.ambiguous or is_of_relation(best.effect),
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(
                             linear.products,

@@ -7,15 +7,8 @@ error bar and do not move E.
 
 from collections.abc import Sequence
 
-import numpy as np
-from scipy.special import expit
-
-from fem.mismatch.effect import Effect
-from fem.mismatch.gel_fault import is_of_relation
-from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NONE, UNKNOWN, HeldOut, Modulus, mixture
 from fem.mismatch.selection.grasp_explanations import Hypothesis
-from fem.mismatch.selection.refinement import Refit
 
 LARGE_MISFIT = 2.0
 """Held-out residual over that of noise, both root mean square. Set by hand."""
@@ -29,19 +22,16 @@ def reported_modulus(
     verdict: str | tuple[str, ...],
     weighed: Sequence[tuple[float, Modulus | None]],
     plain: Modulus,
-    *,
-    hidden: float = 0.0,
 ) -> Modulus:
     """E as the module's docstring says; the plain model's where no explanation has an E.
 
-    `weighed`: probability and E of each explanation. `hidden`: relative spread by faults of the gel that are
-    not among them.
+    `weighed`: probability and E of each explanation.
     """
     known = [(weight, modulus) for weight, modulus in weighed if modulus is not None]
     if not sum(weight for weight, _ in known) > 0:
-        return plain.widened(hidden)
+        return plain
     about = plain.value if verdict == NONE else None
-    return mixture(*zip(*known, strict=True), about=about).widened(hidden)
+    return mixture(*zip(*known, strict=True), about=about)
 
 
 def modulus_by(
@@ -64,23 +54,3 @@ def unknown_spread(heldout: HeldOut | None) -> float:
     """Relative spread of E by unknown physics."""
     large = heldout is not None and heldout.rms_before > LARGE_MISFIT * heldout.noise_rms
     return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
-
-
-def hidden_gel_spread(model: CaseModel, effects: Sequence[Effect], named: Refit | None) -> float:
-    """Relative spread of E by unnamed faults of the gel that the relation of force and displacement allows.
-
-    It is the root of the summed expected squares over those of `effects` with which the flesh's equations fit
-    better.
-
-    At even prior odds a fault is present with probability 1 / (1 + exp(-ln evidence)). Zero if a fault of the
-    same relation is named: each partly resembles another.
-    """
-    if named is not None and any(map(is_of_relation, named.effects)):
-        return 0.0
-    measured = [(fault, fault.measured(model)) for fault in effects if is_of_relation(fault)]
-    spreads = [
-        float(np.sqrt(expit(known.evidence))) * fault.modulus_change(model)
-        for fault, known in measured
-        if known is not None and fault.flesh_gain(model) > 0
-    ]
-    return float(np.linalg.norm(spreads))
