@@ -479,19 +479,22 @@ def mean_product(a: Float[np.ndarray, "p d"], b: Float[np.ndarray, "p d"]) -> fl
     return float((a * b).sum(axis=1).mean())
 
 
-def found_at(amounts: tuple[float, float]) -> NoiseOfChange:
+def found_at(amounts: tuple[float, float], share: float = 1.0) -> NoiseOfChange:
     e, fields = drawn_errors()
     bias = np.array([[mean_product(field, e) for field in fields]])
     products = np.array([[[mean_product(a, b) for b in fields] for a in fields]])
-    return noise_of_change(bias, products, np.array(amounts))
+    return noise_of_change(bias, products, np.array(amounts), share=share)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.5, 1.3])
 @pytest.mark.parametrize("amounts", [(0.0, 0.0), (0.2, 0.1), (-0.4, -0.3), (-0.3, 0.2)])
-def test_products_are_those_of_noise_that_the_effect_has_changed(amounts: tuple[float, float]) -> None:
+def test_products_are_those_of_noise_that_the_effect_and_1_over_E_have_changed(
+    amounts: tuple[float, float], share: float
+) -> None:
     e, fields = drawn_errors()
-    changed = e - amounts[0] * fields[1] - amounts[1] * fields[2]
-    plain = fields[0] + amounts[0] * fields[1] + amounts[1] * fields[2]
-    noise = found_at(amounts)
+    plain = share * fields[0] + amounts[0] * fields[1] + amounts[1] * fields[2]
+    changed = e + fields[0] - plain
+    noise = found_at(amounts, share)
     assert noise.square == pytest.approx(mean_product(e, e) - mean_product(changed, changed))
     assert noise.plain == pytest.approx(mean_product(plain, changed))
     for product, field in zip(noise.signatures[0], fields[1:], strict=True):

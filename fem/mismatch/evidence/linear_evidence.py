@@ -85,20 +85,15 @@ class GramMatrix:
             Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=ALL),
             *columns,
         ]
-        self.bias = np.array(
-            parallel_map(
-                lambda k: [_bias(column, noise[k], k) for column in self.columns],
-                range(len(noise)),
-                workers=model.workers,
-            )
-        ).reshape(len(noise), len(self.columns))
-        if not len(noise):
-            self.bias = np.zeros((len(recorded), len(self.columns)))
+        self.bias = self._biases(noise, len(recorded))
+        self._by_response = self._biases([known.by_response for known in noise], len(recorded))
         if surface is not None:
             self.bias += surface
+            self._by_response -= surface
         for j, column in enumerate(self.columns):
             if column.same_as is not None:
                 self.bias[:, j] = self.bias[:, column.same_as]
+                self._by_response[:, j] = self._by_response[:, column.same_as]
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
@@ -138,8 +133,17 @@ class GramMatrix:
         matrix.weighed, matrix.data, matrix._recorded = [], [], []
         matrix._noise, matrix._noise_products, matrix._workers = (), MemoTable(), 1
         matrix._compliance = float("nan")
-        matrix.bias = np.zeros((len(rows), len(columns)))
+        matrix.bias = matrix._by_response = np.zeros((len(rows), len(columns)))
         return matrix
+
+    def _biases(self, noise: Sequence[ForceNoise | None], recordings: int) -> Float[np.ndarray, "k c"]:
+        """Products of each column with the noise of each recording; zero if it is not known."""
+        known = parallel_map(
+            lambda k: [_bias(column, noise[k], k) for column in self.columns],
+            range(len(noise)),
+            workers=self._workers,
+        )
+        return np.array(known) if known else np.zeros((recordings, len(self.columns)))
 
     def about(
         self,
@@ -154,6 +158,7 @@ class GramMatrix:
         renumbered.
 
         The result supports fits only: only the linear round's own columns can be linearised about a model.
+        Products with the noise of forces are those at the 1/E of `model`.
 
         `signatures`: columns that the model resembles at small amounts. The noise of forces in the model and
         in `more` is approximated by that of these columns, in their least-squares amounts
@@ -168,13 +173,13 @@ class GramMatrix:
             *(column.fields for column in more),
         ]
         like_signatures = self._amounts_of(biased, changes)
+        share = model.compliance / self._compliance
         noise = noise_of_change(
-            self.bias[:, [0, *biased]], self._products_of_noise(biased), like_signatures[0]
+            self.bias[:, [0, *biased]], self._products_of_noise(biased), like_signatures[0], share=share
         )
-        other.bias = np.column_stack(
-            [noise.plain, self.bias[:, list(chosen)], noise.signatures @ like_signatures[1:].T]
-        )
-        old = [self.columns[j].at(model.compliance / self._compliance) for j in chosen]
+        bias = (self.bias + (1 - share) * self._by_response)[:, list(chosen)]
+        other.bias = np.column_stack([noise.plain, bias, noise.signatures @ like_signatures[1:].T])
+        old = [self.columns[j].at(share) for j in chosen]
         plain_fields = _along_compliance(model, response.unit, old)
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
@@ -204,19 +209,20 @@ class GramMatrix:
 
     def _products_of_noise(self, biased: Sequence[int]) -> Float[np.ndarray, "k c1 c1"]:
         """Q (force_noise) of the plain model's column and of these, for each recording; solved for once."""
-        chosen = (0, *biased)
 
         def of_recording(k: int) -> np.ndarray:
-            known = [None if self.columns[j].fields[k] is None else self.columns[j] for j in chosen]
+            known = [None if self.columns[j].fields[k] is None else self.columns[j] for j in biased]
             of_forces = [None if column is None else column.of_forces for column in known]
             return noise_products(of_forces, self._noise[k], self._recorded[k].weighed_markers)
 
-        def of_all() -> np.ndarray:
-            if not (biased and self._noise):
-                return np.zeros((len(self._recorded), len(chosen), len(chosen)))
-            return np.stack(parallel_map(of_recording, range(len(self._noise)), workers=self._workers))
+        def of_signatures() -> np.ndarray:
+            return np.array(parallel_map(of_recording, range(len(self._noise)), workers=self._workers))
 
-        products: np.ndarray = self._noise_products.memoised(chosen, of_all)
+        columns = [0, *biased]
+        products = np.zeros((len(self.bias), len(columns), len(columns)))
+        if biased and self._noise:
+            products[:, 1:, 1:] = self._noise_products.memoised(tuple(biased), of_signatures)
+        products[:, 0] = products[:, :, 0] = self._by_response[:, columns]
         return products
 
     def _amounts_of(
@@ -305,9 +311,10 @@ def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: i
     return data
 
 
-def _bias(column: Regressor, noise: ForceNoise, k: int) -> float:
-    known = column.of_forces is not None and column.fields[k] is not None
-    return column.of_forces.product(noise) if known and column.of_forces is not None else 0.0
+def _bias(column: Regressor, noise: ForceNoise | None, k: int) -> float:
+    if noise is None or column.of_forces is None or column.fields[k] is None:
+        return 0.0
+    return column.of_forces.product(noise)
 
 
 def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]) -> Float[np.ndarray, "k k"]:

@@ -24,6 +24,9 @@ Q = E[phi(df) . W phi(df)], the square of its noise is less than that of the pla
 
     2 a.n - a.Q a,        and the products of columns phi_j with it are n_j - Q_j a
 
+At r times the 1/E of the draws, e is dy - r s C df. With q = E[phi(df) . W s C df] a product n becomes
+n + (1 - r) q (`by_response`).
+
 Noise has short wavelengths, and an effect that stiffens the surface soon removes most of its response. The
 square is least at the amounts t a, t = a.n / a.Q a; beyond these it is kept constant.
 """
@@ -58,6 +61,7 @@ class ForceNoise:
 
     `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r at all nodes (E = 1 MPa), `response` at the
     markers. `weighed`: W e. `adjoint`: K0^-1 L g_r at all nodes, `adjoint_response` at the markers.
+    `by_response`: the same draws with s C df for e.
     """
 
     compliance: float
@@ -68,6 +72,7 @@ class ForceNoise:
     weighed: Float[np.ndarray, "p f n 3"]
     adjoint: Float[np.ndarray, "p r m 3"]
     adjoint_response: Float[np.ndarray, "p r n 3"]
+    by_response: "ForceNoise | None" = None
 
     def of_draws(self, products: Float[np.ndarray, " p"]) -> float:
         """Mean over draws, times the share of frames kept: frames left out contribute to the patterns too."""
@@ -224,23 +229,26 @@ def drawn_force_noise(
         base.grasps, weighed_markers, drawn, solved, strict=True
     ):
         share = _shares(recording)
-        excess = places - compliance * np.einsum("fr,prnx->pfnx", share, response)
-        weighed.append(np.stack([weigh(draw) for draw in excess]))
-        pulled.append(np.einsum("fr,pfnx->prnx", share, weighed[-1]))
-    adjoint = _solved(base, pulled)
-    return [
-        ForceNoise(
+        moved = compliance * np.einsum("fr,prnx->pfnx", share, response)
+        weighed.append(np.stack([[weigh(draw) for draw in part] for part in (places - moved, moved)]))
+        pulled.append(np.einsum("fr,epfnx->eprnx", share, weighed[-1]))
+    adjoint = _solved(base, [parts.reshape(-1, *parts.shape[2:]) for parts in pulled])
+
+    def noise(k: int, excess: slice, part: int, by_response: ForceNoise | None = None) -> ForceNoise:
+        return ForceNoise(
             compliance=compliance,
-            recording=recording,
+            recording=base.grasps[k],
             force_N=forces[k],
             moved=solved[k][0],
             response=solved[k][1],
-            weighed=weighed[k],
-            adjoint=adjoint[k][0],
-            adjoint_response=adjoint[k][1],
+            weighed=weighed[k][part],
+            adjoint=adjoint[k][0][excess],
+            adjoint_response=adjoint[k][1][excess],
+            by_response=by_response,
         )
-        for k, recording in enumerate(base.grasps)
-    ]
+
+    first, last = slice(draws), slice(draws, None)
+    return [noise(k, first, 0, noise(k, last, 1)) for k in range(len(base.grasps))]
 
 
 def _shares(recording: GraspResponse) -> Float[np.ndarray, "f r"]:
@@ -303,8 +311,9 @@ def _solved(
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseOfChange:
-    """For each recording: `square`: decrease of the noise's square by the effect; `plain`: n of the plain
-    model's column with the effect; `signatures`: n of each of its signatures."""
+    """For each recording: `square`: decrease of the noise's square by the effect and the other 1/E; `plain`:
+    n of the plain model's column with both; `signatures`: n of each of the effect's signatures.
+    """
 
     square: Float[np.ndarray, " k"]
     plain: Float[np.ndarray, " k"]
@@ -312,16 +321,25 @@ class NoiseOfChange:
 
 
 def noise_of_change(
-    bias: Float[np.ndarray, "k c1"], products: Float[np.ndarray, "k c1 c1"], amounts: Float[np.ndarray, " c"]
+    bias: Float[np.ndarray, "k c1"],
+    products: Float[np.ndarray, "k c1 c1"],
+    amounts: Float[np.ndarray, " c"],
+    *,
+    share: float,
 ) -> NoiseOfChange:
-    """Noise terms with an effect, from n (`bias`), Q (`products`) and its signatures' `amounts`."""
-    of_signatures, across, plain = products[:, 1:, 1:], products[:, 0, 1:], bias[:, 0]
-    gained, lost = float((bias[:, 1:] @ amounts).sum()), float((of_signatures @ amounts @ amounts).sum())
+    """Noise terms with an effect, from n (`bias`), Q (`products`; first row: q) and its signatures'
+    `amounts`, at `share` times the 1/E.
+    """
+    less, across = 1 - share, products[:, 0]
+    square = -2 * less * bias[:, 0] - less**2 * across[:, 0]
+    at_share = bias + less * across
+    of_signatures, plain, without = products[:, 1:, 1:], share * at_share[:, 0], at_share[:, 1:]
+    gained, lost = float((without @ amounts).sum()), float((of_signatures @ amounts @ amounts).sum())
     reached = amounts * (gained / lost if 0 < gained < lost else 1.0)
-    signatures = bias[:, 1:] - of_signatures @ reached
+    signatures = without - of_signatures @ reached
     return NoiseOfChange(
-        square=(bias[:, 1:] + signatures) @ reached,
-        plain=plain + (signatures - across) @ reached,
+        square=square + (without + signatures) @ reached,
+        plain=plain + (signatures - share * across[:, 1:]) @ reached,
         signatures=signatures,
     )
 
