@@ -24,7 +24,10 @@ class ExplainedMismatch:
     `verdict`: "none", the name of the effect, several indistinguishable effects, or "unknown". `sentence`:
     the verdict in words. `p_value`: probability of a misfit at least this large without a mismatch. `E_MPa`,
     `E_sd_MPa`: with the effect; `E_without_MPa`, `E_without_sd_MPa`: without it. `candidates`: a row per
-    explanation, most probable first. `answer`: the JSON of `drupe explain` (docs/formats.md).
+    explanation, most probable first. `heldout`: normalised residuals on held-out recordings, without the
+    effect (`heldout_rms_before`), with it (`heldout_rms_after`) and of noise alone (`noise_rms`). It is None
+    for one recording: nothing then confirms an effect. `next_grasp`: what to record next, if an answer is
+    open. `answer`: the JSON of `drupe explain` (docs/formats.md).
     """
 
     verdict: tuple[str, ...]
@@ -35,6 +38,8 @@ class ExplainedMismatch:
     E_without_MPa: float
     E_without_sd_MPa: float
     candidates: pd.DataFrame
+    heldout: Mapping[str, float] | None
+    next_grasp: str | None
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
     answer: Mapping[str, Any]
@@ -96,6 +101,7 @@ def _explained(
         )
         for hypothesis in entry.ranking
     ]
+    answer = entry.as_json()
     return ExplainedMismatch(
         verdict=entry.verdict,
         sentence=explain_verdict(entry).replace(NO_BREAK, " "),
@@ -113,7 +119,9 @@ def _explained(
                 "E_sd_MPa": float,
             }
         ),
+        heldout=None if entry.heldout is None else answer["fit"],
+        next_grasp=answer["next_grasp"],
         notes=entry.notes,
         doubts=entry.doubts,
-        answer=entry.as_json(),
+        answer=answer,
     )

@@ -267,6 +267,7 @@ class BatchEntry:
     lot: str | None = None
     packer: str | None = None
     harvest_date: date | None = None
+    measured_on: date | None = None
     pulp_temperature_C: float | None = None
     classes: tuple[tuple[str, float | None], ...] = ()
     """(name, highest modulus of the class in MPa), softest first; the last has no limit."""

@@ -212,6 +212,7 @@ def _about(batch: BatchEntry) -> list[tuple[str, str]]:
         (say("lot"), batch.lot),
         (say("packer"), batch.packer),
         (say("harvested"), batch.harvest_date.isoformat() if batch.harvest_date else None),
+        (say("measured"), batch.measured_on.isoformat() if batch.measured_on else None),
         (say("pulp at"), None if pulp_C is None else with_comma(f"{pulp_C:.1f} °C")),
         (say("graded"), _utc(batch.finished_utc)),
     )

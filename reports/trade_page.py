@@ -93,6 +93,8 @@ def size_chart(test: Test, sizes: SizeEffect) -> Chart:
         "x": {"label": "Diameter (mm)", "limits": padded(diameters)},
         "y": {"label": test.unit, "limits": padded(values[shown], from_zero=True)},
         "layers": [
-            layer("line", diameters, line, colour=COLOURS[k], name=pits[k]) for k, line in enumerate(values)
+            layer("line", diameters, line, colour=COLOURS[k], name=pits[k])
+            for k, line in enumerate(values)
+            if shown[k].any()
         ],
     }

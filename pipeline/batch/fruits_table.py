@@ -4,7 +4,6 @@ import csv
 import difflib
 import io
 import re
-import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -14,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
-from pipeline.files.plain_file import NotReadable, printable, read_text
+from pipeline.files.plain_file import NotReadable, composed, printable, read_text
 from pipeline.problem import BatchRefused, Problem, refused
 from recon.pit.priors import LEAST_POISSON_RATIO
 from tactile.readers.decimal_number import decimal_number, meant
@@ -163,7 +162,7 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     if not path.is_symlink() and not path.exists():
         raise refused(path, "is missing; it lists the fruit, one row per fruit: fruit_id,height_mm,...")
     try:
-        text = read_text(path, most_bytes=MOST_BYTES)
+        text = composed(read_text(path, most_bytes=MOST_BYTES))
     except NotReadable as error:
         hint = "; save it as CSV UTF-8" if "text" in str(error) else ""
         raise refused(path, f"{error}{hint}.") from None
@@ -247,7 +246,7 @@ def _row(
 ) -> FruitRow:
     """One row of fruits.csv; `problems` gets its faults."""
     cells = {name: (record.get(name) or "").strip() for name in COLUMNS}
-    fruit_id = unicodedata.normalize("NFC", cells["fruit_id"])
+    fruit_id = cells["fruit_id"]
     if not SAFE_ID.fullmatch(fruit_id):
         sentence = (
             f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder. Use letters, digits, '

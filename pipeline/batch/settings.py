@@ -2,9 +2,11 @@
 
 import datetime
 import itertools
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -16,7 +18,7 @@ from pydantic import (
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
 from pipeline.batch.fruits_table import COLUMNS, USER_COLUMN, canonical
-from pipeline.files.plain_file import printable
+from pipeline.files.plain_file import composed, printable
 from pipeline.safe_start import elsewhere
 from recon.cameras.coin import Coin, coin_named
 from recon.pit.priors import LEAST_POISSON_RATIO
@@ -24,7 +26,9 @@ from recon.recon_failure import ReconFailure
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 """At most 200 characters. Set by hand: longer text was pasted into the wrong place."""
-Words = Annotated[str, Field(max_length=10_000)]
+Label = Annotated[Name, AfterValidator(composed)]
+"""A name that people compare, which names no file."""
+Words = Annotated[str, Field(max_length=10_000), AfterValidator(composed)]
 """Free text, at most 10,000 characters (four pages). Set by hand: more was pasted into the wrong place."""
 Relative = Annotated[float, Field(ge=1e-4, le=0.5)]
 """A relative standard deviation. 0.5 leaves the quantity practically unknown. No gel or pit reaches 1e-4,
@@ -40,6 +44,11 @@ HISTORY_COLUMNS = (
     "sensor_serial", "temperature_C",
 )  # fmt: skip
 """Columns of the tables of `drupe history` that are neither settings nor columns of other tables."""
+
+READING = re.compile(
+    r"(?:plates|chord|ball|s368)_\d[\w.]*|firmness_[\w.]+_N_(?:predicted|low|high)", re.IGNORECASE
+)
+"""Columns of `drupe firmness`, and of `drupe history --firmness`."""
 
 
 class Strict(BaseModel):
@@ -61,7 +70,7 @@ class GradingClass(Strict):
     `ship`: whether its fruit are shipped now; None: the class's default (`Grading.shipped`).
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
+    name: Annotated[str, Field(min_length=1, max_length=80), AfterValidator(composed)]
     E_max_MPa: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
     ship: bool | None = None
 
@@ -198,8 +207,8 @@ class FleshSettings(Strict):
 class Device(Strict):
     """Name and serial number of a device, stored with the results."""
 
-    name: Annotated[str, Field(max_length=200)]
-    serial: Name | None = None
+    name: Annotated[str, Field(max_length=200), AfterValidator(composed)]
+    serial: Label | None = None
 
 
 class SensorSettings(Device):
@@ -220,7 +229,7 @@ class SensorSettings(Device):
     gel_kn_MPa_per_mm: Stiffness | None = None
     gel_kt_MPa_per_mm: Stiffness | None = None
     gel_stiffness_sd: Relative = 0.05
-    calibration: Name | None = None
+    calibration: Label | None = None
     calibrated_on: Day | None = None
     """Name and day of the calibration."""
 
@@ -260,7 +269,7 @@ class Settings(Strict):
 
     category: Name
     cultivar: Words | None = None
-    lot: Annotated[str, Field(max_length=200)] | None = None
+    lot: Annotated[str, Field(max_length=200), AfterValidator(composed)] | None = None
     """At most as many characters as its QR code holds; empty means none."""
     orchard: Words | None = None
     operator: Words | None = None
@@ -316,6 +325,7 @@ class Settings(Strict):
         """Raises ValueError for names that drupe's settings or tables use, invalid ones, and equal ones."""
         with elsewhere():
             from reports.tables import RANKING_COLUMNS
+        columns = {composed(name): unit for name, unit in columns.items()}
         taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, *HISTORY_COLUMNS)
         for name in columns:
             if not USER_COLUMN.fullmatch(name):
@@ -323,7 +333,7 @@ class Settings(Strict):
                     f'"{name[:80]}" cannot name a column; start with a letter or digit, then use letters, '
                     "digits, spaces and _ . % ° # ( ) / - (at most 60)"
                 )
-            if (column := canonical(name, taken)) in taken:
+            if (column := canonical(name, taken)) in taken or READING.fullmatch(column):
                 raise ValueError(f'"{name}" is the name of a column of drupe ({column}); choose another name')
         if len({canonical(name, ()) for name in columns}) < len(columns):
             raise ValueError(f"names must differ by more than capitals and spaces, found {list(columns)}")

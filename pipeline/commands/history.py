@@ -129,6 +129,7 @@ def history(
     """
     with elsewhere():
         from pipeline.exit_status import DOUBTED
+        from pipeline.files.plain_file import composed
         from pipeline.history.keeping import HistoryWanted, forget_named, make_history, summary_lines
         from pipeline.history.lot_acceptance import PlanWanted
         from pipeline.history.lot_quality import QualityWanted
@@ -140,12 +141,12 @@ def history(
         statistics=statistics,
         precision=precision / 100,
         gauge=tuple(gauge or ()),
-        forget=tuple(forget or ()),
+        forget=tuple(map(composed, forget or ())),
         oc=oc,
         quality=QualityWanted(
-            accept=accept,
+            accept=composed(accept),
             plan=PlanWanted(
-                lot_size=tuple(lot_size or ()),
+                lot_size=tuple(map(composed, lot_size or ())),
                 aql=aql,
                 level=level,
                 inspection=inspection,

@@ -213,6 +213,15 @@ def listed(names: Sequence[str], most: int = 6) -> str:
     return ", ".join(names[:most]) + more
 
 
+def composed(text: str) -> str:
+    """The text with composed letters (Unicode NFC), so that equal names are equal on every system.
+
+    >>> len("Su\u0308d"), len(composed("Su\u0308d"))
+    (4, 3)
+    """
+    return unicodedata.normalize("NFC", text)
+
+
 def printable(text: str) -> str:
     r"""The text without control and format characters, which move a terminal's cursor or reverse a line. Line
     breaks and tabs become spaces. Bytes of a file's name that are not UTF-8 are escaped.

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from sqlalchemy import Connection, MetaData, Table, delete, insert, select
 
+from pipeline.files.plain_file import composed
 from pipeline.history.stored_batch import StoredBatch, StoredFruit, StoredGrasp
 from pipeline.problem import refused
 
@@ -104,7 +105,7 @@ class HistoryStore:
         return [
             key
             for key, batch in known.items()
-            if place and place in (key, batch.lot, batch.folder, Path(batch.folder).name)
+            if place and place in map(composed, (key, batch.lot, batch.folder, Path(batch.folder).name))
         ]
 
     def _fruit(self, key: str) -> set[str]:

@@ -37,37 +37,43 @@ from tactile.tactile_failure import TactileFailure
 
 
 def old_calibrations(root: Path, settings: Settings, *, graded_on: date) -> Iterator[str]:
-    """A sentence for each calibration that is older than the limit, or later than the grasps; none without a
-    limit.
+    """A sentence for each calibration without a date, older than the limit, or later than the grasps; none
+    without a limit.
     """
     if (most_days := settings.calibration_days) is None:
         return
     day = settings.measured_on or graded_on
-    for what, made, again in _dated(root, settings):
-        days = (day - made).days
-        if days < 0:
+    for what, field, file, made, again in _calibrations(root, settings):
+        if made is None:
             yield (
-                f"The {what} is dated {made}, after the grasps ({day}). Correct the date, or measured_on in "
-                "batch.toml."
+                f"The {what} has no date: {field} in {file} is missing, but calibration_days in batch.toml "
+                "limits its age. Add the day of the calibration."
             )
-        elif days > most_days:
+        elif made > day:
             yield (
-                f"The {what} is dated {made}, {days} days before the grasps ({day}); the limit is "
-                f"{most_days} days (calibration_days in batch.toml). {again}"
+                f"The {what} is dated after the grasps: {field} in {file} is {made}, expected at most {day}. "
+                "Correct it, or measured_on in batch.toml."
+            )
+        elif (days := (day - made).days) > most_days:
+            yield (
+                f"The {what} is too old: {field} in {file} is {made}, {days} days before the grasps ({day}), "
+                f"expected at most {most_days} days (calibration_days in batch.toml). {again}"
             )
 
 
-def _dated(root: Path, settings: Settings) -> Iterator[tuple[str, date, str]]:
-    if settings.sensor is not None and settings.sensor.calibrated_on is not None:
+def _calibrations(root: Path, settings: Settings) -> Iterator[tuple[str, str, str, date | None, str]]:
+    """Each calibration that the settings name: what, field of its date, file, date, what to do again."""
+    sensor, path = settings.sensor, rig_path(root, settings)
+    if sensor is not None and (sensor.calibration is not None or sensor.calibrated_on is not None):
         again = "Calibrate the sensor again (drupe calibrate), and correct calibrated_on."
-        yield "calibration of the sensor", settings.sensor.calibrated_on, again
-    path = rig_path(root, settings)
+        yield "calibration of the sensor", "calibrated_on", "batch.toml", sensor.calibrated_on, again
     try:
-        made = None if path is None else read_rig(path).made
+        rig = None if path is None else read_rig(path)
     except TactileFailure:  # grading reports it
         return
-    if made is not None:
-        yield "calibration of the rig", made, "Calibrate the rig again (drupe calibrate --rigid)."
+    if path is not None and rig is not None:
+        again = "Calibrate the rig again (drupe calibrate --rigid)."
+        yield "calibration of the rig", "made", path.name, rig.made, again
 
 
 FALSE_ALARM = 0.01

@@ -47,7 +47,7 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
 """Names of the screen that are no effect of the catalogue."""
 RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
 """Fields that an entry copies from a fruit's rank."""
-SETTING_FIELDS = ("cultivar", "lot", "packer", "harvest_date", "pulp_temperature_C")
+SETTING_FIELDS = ("cultivar", "lot", "packer", "harvest_date", "measured_on", "pulp_temperature_C")
 """Fields that an entry copies from the batch's settings."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, a fixed one makes runs repeat."""

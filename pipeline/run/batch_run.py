@@ -63,10 +63,12 @@ class BatchRun:
     options: GradeOptions
     started: datetime
     since_s: float
+    ended: datetime | None = None
+    """The end of the run, of which only the report is written again."""
 
     def until_now(self) -> datetime:
-        """The time now, by the monotonic clock."""
-        return self.started + timedelta(seconds=time.monotonic() - self.since_s)
+        """The end of the run if it has ended, otherwise the time now by the monotonic clock."""
+        return self.ended or self.started + timedelta(seconds=time.monotonic() - self.since_s)
 
     def require_ours(self, fruit: Collection[str] | None = None) -> None:
         """Raises BatchRefused if the results contain files of others, or belong to another batch. `fruit`:

@@ -175,7 +175,8 @@ def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry 
             force=bool(said.get("force")), screen=bool(said.get("screened", True)), language=language
         ),
         started=started,
-        since_s=time.monotonic() - (ended - started).total_seconds(),
+        since_s=time.monotonic(),
+        ended=ended,
     )
     with results_lock(out):
         run.require_ours()

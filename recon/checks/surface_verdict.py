@@ -95,7 +95,7 @@ def surface_doubts(
         raise ReconProblem.SURFACE_CONTRADICTED.failure(
             f"The mesh does not fit the photos: {misfit} ({whole}). {ADVICE}"
         )
-    return (*shadow, f"{misfit[0].upper()}{misfit[1:]} ({whole}). {ADVICE}")
+    return (*shadow, f"The photos disagree with the mesh: {misfit} ({whole}). {ADVICE}")
 
 
 def moved_doubts(evidence: RimEvidence, names: Sequence[str], diameter_mm: float) -> tuple[str, ...]:

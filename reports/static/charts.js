@@ -238,6 +238,6 @@ const charts = (function () {
 
   const placed = document.getElementById("charts"), specs = placed ? JSON.parse(placed.textContent) : [];
   document.querySelectorAll("figure.drawn").forEach((host, k) => chart(host, specs[k]));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawn.forEach((each) => each.redraw()));
+  matchMedia("screen and (prefers-color-scheme: dark)").addEventListener("change", () => drawn.forEach((each) => each.redraw()));
   return { chart, say };
 })();

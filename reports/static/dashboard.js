@@ -20,7 +20,7 @@
   const counted = (row) => row.E !== null && row.rank !== null;
   const fruitCount = (count) => (count === 1 ? words.one : words.all.replace("#", count));
   const EXTRA = 3, AT_ONCE = 22; // rows above the part in view, and rows in the page at once
-  const PRINTED = { ".warning": 4, ".next": 3, "tbody tr": 6 }; // what has a place on the sheet of a fruit
+  const PRINTED = { ".warning": 4, ".next": 3, "tbody tr": 6 }; // what has a place on a sheet
   let state = {}, shown = rows, height = 34, opened = null, cardCharts = [], lotCharts = [];
 
   // The state: q, list, class, from, to, zoom, readings (the form), sort (a column, - before it: downwards), fruit
@@ -196,6 +196,18 @@
     }
   }
 
+  // Marks what has no place on a sheet, and counts it
+  function limit(part) {
+    for (const [kind, most] of Object.entries(PRINTED)) {
+      const beyond = [...part.querySelectorAll(kind)].slice(most);
+      beyond.forEach((each) => each.classList.add("beyond"));
+      const more = document.createElement("p");
+      more.className = "more print-only";
+      more.textContent = words[kind].replace("#", beyond.length);
+      if (beyond.length) (beyond[0].closest(".table") || beyond[0]).after(more);
+    }
+  }
+
   // One fruit with its charts, made when it is opened
   function open(row) {
     if (row === opened) return;
@@ -207,14 +219,7 @@
     if (!row) return;
     const { html, charts: specs } = JSON.parse(details[row.k]);
     card.innerHTML = html.replace(/>\s*\n\s*</g, "><");
-    for (const [kind, most] of Object.entries(PRINTED)) {
-      const beyond = [...card.querySelectorAll(kind)].slice(most);
-      beyond.forEach((each) => each.classList.add("beyond"));
-      const more = document.createElement("p");
-      more.className = "more print-only";
-      more.textContent = words[kind].replace("#", beyond.length);
-      if (beyond.length) (beyond[0].closest(".table") || beyond[0]).after(more);
-    }
+    limit(card);
     const holder = card.querySelector(".charts"), groups = {};
     for (const spec of specs) { // those of a recording below each other, then the others
       const group = groups[spec.group || ""] ||= holder.appendChild(document.createElement("div"));
@@ -275,6 +280,7 @@
   });
   addEventListener("beforeprint", () => fill(true, true));
   addEventListener("afterprint", () => fill(true));
+  document.querySelectorAll(".faults").forEach(limit);
   for (const part of document.querySelectorAll("main, section, dl, tbody, ul, details, .cards")) { // blank lines of the file
     for (const child of [...part.childNodes]) if (child.nodeType === Node.TEXT_NODE && !child.data.trim()) child.remove();
   }

@@ -113,7 +113,7 @@ def of_signals(situation: Situation, names: Sequence[str]) -> Iterator[Transform
     if lag:
         cause = (
             f"force comes {abs(lag)} frames {'late' if lag > 0 else 'early'} relative to its displacement: "
-            "the two clocks disagree. Give both one clock"
+            "the two clocks disagree; give both one clock"
         )
         change = _on("force_N", _moved, -lag)
         yield made(FindingKind.DELAY, cause, change, detail=f"{lag} frames")

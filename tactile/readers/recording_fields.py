@@ -130,10 +130,13 @@ class GroupReader:
         bad = ~np.isfinite(values)
         if bad.any():
             where = tuple(int(i) for i in np.argwhere(bad)[0])
-            fault = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
+            fault = f"NaN or infinite values: {int(bad.sum())}, the first at index {where}"
             if bad.ndim > 1 and shape[-1] == 3:
                 lost = bad.any(axis=-1).reshape(-1, bad.shape[-2])
-                fault += f", in {lost.any(axis=0).sum()} of {lost.shape[1]} markers"
+                fault = (
+                    f"NaN or infinite values: {int(bad.sum())}, the first at index {where}, in "
+                    f"{lost.any(axis=0).sum()} of {lost.shape[1]} markers"
+                )
             advice = (
                 "repair or drop those frames in the recorder, or take those markers out of rest_mm and of "
                 "both fields alike"

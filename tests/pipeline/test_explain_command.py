@@ -348,7 +348,16 @@ def test_the_finder_gets_the_arrays_and_its_answer_comes_back(finder, recordings
     assert mismatch.candidates["effect"].tolist() == [candidate.effect for candidate in answer.ranking]
     assert np.isfinite(mismatch.candidates["probability"]).all()
     assert mismatch.answer["format"] == "drupe-mismatch"
+    assert (mismatch.heldout, mismatch.next_grasp) == (mismatch.answer["fit"], answer.next_grasp)
+    assert mismatch.heldout["heldout_rms_before"] == answer.heldout.rms_before
     assert mismatch.sentence
+
+
+def test_one_recording_has_no_residual_on_others(finder, recordings):
+    mesh, pit = read_mesh(DATA / "fruit.ply"), read_mesh(DATA / "pit.ply")
+    finder["answer"] = fake_explanation(heldout=None)
+    mismatch = explain(mesh, recordings[:1], pit=pit, nu=0.42, category="nectarine")
+    assert mismatch.heldout is None
 
 
 def test_a_fruit_of_a_batch_is_explained_with_the_batchs_settings(finder, batch):

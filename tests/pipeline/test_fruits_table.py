@@ -8,6 +8,7 @@ import sqlite3
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from unicodedata import normalize
 
 import pandas as pd
 import pytest
@@ -15,6 +16,7 @@ from graded_results import graded, results_of
 from small_batches import batch_of_balls
 
 import drupe as public
+from fem.firmness.trade_tests import trade_tests
 from pipeline.batch.fruits_table import SAFE_ID, read_fruits
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import survey
@@ -288,9 +290,31 @@ def test_the_store_holds_users_columns_through_revisions_and_exports_them(drupe,
     assert rows[2:] == [("B", 0, None, "Mayr"), ("B", 1, None, "Mayr")]
 
 
-@pytest.mark.parametrize("name", [*COLUMNS, *MORE_COLUMNS])
+READINGS = [test.name for test in trade_tests()]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *COLUMNS, *MORE_COLUMNS, *READINGS, *(f"{name}_sd" for name in READINGS),
+        "firmness_8mm_N_low", "firmness_11.1mm_N_predicted",
+    ],
+)  # fmt: skip
 def test_no_column_of_the_table_of_history_can_be_a_users_own(tmp_path, name):
     assert "is the name of a column of drupe" in settings_refusal(tmp_path, f'"{name}" = ""')
+
+
+def test_a_name_with_separate_accents_is_the_same_name(tmp_path):
+    """As macOS writes names of files; Python's own normalisation makes them."""
+    (tmp_path / "batch.toml").write_text(
+        normalize("NFD", 'category = "plum"\nlot = "Süd"\n[columns]\n"Größe" = "mm"\n'), encoding="utf-8"
+    )
+    settings = read_settings(tmp_path / "batch.toml")
+    assert settings.lot == "S\u00fcd"
+    path = table(tmp_path, "fruit_id,Gr\u00f6\u00dfe\nA,61\n")
+    rows, problems = read_fruits(path, units=settings.columns)
+    assert problems == []
+    assert rows[0].columns == {"Gr\u00f6\u00dfe": 61.0}
 
 
 def test_a_note_or_column_edited_after_grading_is_in_the_next_report(drupe, batch, results):

@@ -260,7 +260,8 @@ def test_classes_of_now_are_in_the_report_anew(drupe, kept_batch, results):
     assert drupe("report", results).status == 0
     assert {name: row["maturity"] for name, row in rows(results).items()} == {"A": "soft", "B": "firm"}
     assert {name: row["decision"] for name, row in rows(results).items()} == {"A": "ship", "B": "hold"}
-    assert "Started 2026-08-10 12:00:00 UTC" in (results / "report.html").read_text()
+    page = (results / "report.html").read_text()
+    assert "Started 2026-08-10 12:00:00 UTC, finished 2026-08-10 12:00:00 UTC" in page
     table = json.loads((results / "ranking.json").read_text())
     assert [row["fruit_id"] for row in table] == ["A", "B"]
     assert [row["E_MPa"] for row in table] == [float(row["E_MPa"]) for row in rows(results).values()]

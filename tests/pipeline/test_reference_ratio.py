@@ -460,9 +460,18 @@ def test_settings_that_lack_something_say_what(tmp_path, settings, says):
 @pytest.mark.parametrize(
     ("calibrated_on", "says"),
     [
-        ("2026-05-11", "dated 2026-05-11, 91 days before the grasps (2026-08-10); the limit is 90 days"),
+        (
+            "2026-05-11",
+            "too old: calibrated_on in batch.toml is 2026-05-11, 91 days before the grasps (2026-08-10), "
+            "expected at most 90 days (calibration_days in batch.toml). Calibrate the sensor again",
+        ),
         ("2026-05-12", None),
-        ("2026-08-11", "dated 2026-08-11, after the grasps (2026-08-10)"),
+        ("2026-08-10", None),
+        (
+            "2026-08-11",
+            "dated after the grasps: calibrated_on in batch.toml is 2026-08-11, expected at most 2026-08-10. "
+            "Correct it, or measured_on in batch.toml.",
+        ),
     ],
 )
 def test_a_calibration_beyond_the_limit_is_a_warning(drupe, batch, results, calibrated_on, says):
@@ -485,7 +494,21 @@ def test_a_rig_s_own_date_counts(drupe, batch, results):
         f'made = "2026-01-01"\nsqueezes = 1\nleast_N = 0.2\n[travel]\n{curve}'
     )
     (batch / "batch.toml").write_text(SETTINGS + 'calibration_days = 200\nrig = "rig.toml"\n')
-    assert "The calibration of the rig is dated 2026-01-01, 221 days before" in drupe("report", results).out
+    old = "The calibration of the rig is too old: made in rig.toml is 2026-01-01, 221 days before the grasps"
+    assert old in drupe("report", results).out
+
+
+def test_a_limit_on_calibrations_without_a_date_is_a_warning(drupe, batch, results):
+    curve = "force_N = [0, 1, 2]\ngive_mm = [0, 0.2, 0.35]\nsd_mm = [0, 0.01, 0.02]\n"
+    (batch / "rig.toml").write_text(
+        'format = "drupe-rig"\nversion = 1\nobject = "ball"\nshape = "ball"\nsize_mm = 40.0\n'
+        f"squeezes = 1\nleast_N = 0.2\n[travel]\n{curve}"
+    )
+    sensor = '[sensor]\nname = "gel"\ncalibration = "C1"\n'
+    (batch / "batch.toml").write_text(f'{SETTINGS}calibration_days = 200\nrig = "rig.toml"\n{sensor}')
+    said = drupe("report", results).out
+    for what, field in (("sensor", "calibrated_on in batch.toml"), ("rig", "made in rig.toml")):
+        assert f"The calibration of the {what} has no date: {field} is missing, but calibration_days" in said
 
 
 def test_a_new_date_temperature_or_column_grades_no_fruit_again(batch):

@@ -153,7 +153,7 @@ def test_axis_limits_hold_the_values_and_are_never_empty(values, from_zero):
 def palette(scheme):
     """Colours of static/palette.css by name, light or dark."""
     text = (Path(reports.__file__).parent / "static" / "palette.css").read_text()
-    light, dark = text.split("@media (prefers-color-scheme: dark)")
+    light, dark = text.split("@media screen and (prefers-color-scheme: dark)")
     pairs = re.findall(r"--([\w-]+): #([0-9a-f]+);", light if scheme == "light" else dark)
     return {name: code if len(code) == 6 else "".join(2 * letter for letter in code) for name, code in pairs}
 

@@ -4,7 +4,7 @@ import csv
 import io
 import re
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from urllib.parse import parse_qs
 
 import cv2
@@ -206,9 +206,10 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(shown, awkwar
         verdicts=5 * (verdict,), pictures=replace(first.pictures, photo=large, mesh=large),
     )  # fmt: skip
     batch = replace(
-        batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst"
-    )
-    sheet = {"viewport": {"width": 690, "height": 1017}, "device_scale_factor": 3}
+        batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst",
+        measured_on=date(2026, 8, 15), faults=said[:6],
+    )  # fmt: skip
+    sheet = {"viewport": {"width": 690, "height": 1017}, "device_scale_factor": 3, "color_scheme": "dark"}
     page, _ = shown(batch=batch, **sheet)
     page.evaluate("window.print = () => { window.sheet = document.body.className; }")
     page.locator(f"button.alone[data-part={part}]").first.click()
@@ -229,8 +230,12 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(shown, awkwar
         ends = page.evaluate(ENDS)
         assert len(ends) >= 4 + 3 + 3 + 6 + 2 * 3
         assert all(0 <= top < bottom <= least for top, bottom, least in ends), ends
-    for word in ("H/07", "Big Top", "Huber Obst", "2026-08-14", "Signature"):
+    else:
+        assert "Warning 3" in text
+        assert "and 2 more warnings in the report" in text
+    for word in ("H/07", "Big Top", "Huber Obst", "2026-08-14", "2026-08-15", "Signature"):
         assert word in text
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
 
 
 def test_filters_are_in_the_address_and_come_back_from_it(shown):

@@ -250,7 +250,7 @@ REFUSALS = {
     ),
     "every second marker without values": (
         put("pads/left/force_N", lambda v: np.where(np.arange(v.shape[1])[:, None] % 2, v, np.nan)),
-        "pads/left/force_N: found 19662 value(s) NaN or infinite, the first at index (0, 0, 0), in 113 of "
+        "pads/left/force_N: found NaN or infinite values: 19662, the first at index (0, 0, 0), in 113 of "
         "225 markers, expected finite numbers; repair or drop those frames in the recorder, or take those "
         "markers out of rest_mm and of both fields alike.",
     ),
@@ -261,7 +261,7 @@ REFUSALS = {
     ),
     "NaN in one place": (
         value("pads/left/force_N", np.nan, at=(3, 5, 1)),
-        "pads/left/force_N: found 1 value(s) NaN or infinite, the first at index (3, 5, 1)",
+        "pads/left/force_N: found NaN or infinite values: 1, the first at index (3, 5, 1)",
     ),
 }
 
