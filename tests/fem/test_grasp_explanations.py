@@ -26,7 +26,7 @@ from fem.mismatch.reported_values import _ninety
 from fem.mismatch.result import NINETY, NONE, UNKNOWN, HeldOut, Modulus, mixture
 from fem.mismatch.selection import grasp_explanations
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations
-from fem.mismatch.selection.modulus_with import _law_widening, _relation_sd, modulus_of, modulus_with
+from fem.mismatch.selection.modulus_with import SYSTEMATIC, _relation_sd, modulus_of, modulus_with
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, linear_round
@@ -489,11 +489,11 @@ def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
     change = asked(again, 0.02)
     assert informed.change[0] == pytest.approx(change, rel=0.1)
     noise_sd = np.sqrt(again.fit.covariance[-1, -1])
-    law_sd = np.hypot(_law_widening(again)[0] * noise_sd, _relation_sd(again)[0])
+    parameter_sd = np.hypot(SYSTEMATIC * noise_sd, _relation_sd(again)[0])
     other = again.model.modulus_scale / (again.model.compliance * (1 + again.fit.amounts[0]))
     apart = np.log(informed.at.value / other) / 2
     expected = informed.at.value * np.linalg.norm(
-        [informed.at.sd / informed.at.value, change * law_sd, apart]
+        [informed.at.sd / informed.at.value, change * parameter_sd, apart]
     )
     assert informed.known.sd == pytest.approx(expected, rel=0.1)
     assert informed.known.sd > 1.2 * informed.at.sd

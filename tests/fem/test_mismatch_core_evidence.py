@@ -32,6 +32,7 @@ from fem.mismatch.model.force_noise import (
     OfSomeForces,
     drawn_force_noise,
     noise_of_change,
+    noise_products,
 )
 from fem.mismatch.model.marker_equations import (
     DESIGN_EFFECT,
@@ -461,6 +462,21 @@ def test_solved_fields_of_noise_have_the_products_that_adjoint_fields_say() -> N
         product = column.of_forces.product(noise)
         assert product == pytest.approx(directly(fields, noise), abs=1e-6 * scale), column.name
     assert kinds == {OfFlesh, OfSomeForces, OfInnerChange, OfResponse}
+
+
+def test_noise_by_response_is_that_of_the_plain_models_own_column() -> None:
+    model, noise = noisy()
+    weigh = GraspEquations.of(model, model.grasps[0]).weighed_markers
+    responses = ALL.fields(noise)
+    products = noise_products(
+        [ALL, *(column.of_forces for column in SKIN.signatures(model)[0].columns)], noise, weigh
+    )
+    by_response = noise.by_response
+    assert by_response is not None
+    np.testing.assert_allclose(by_response.weighed, [weigh(draw) for draw in responses], rtol=1e-9)
+    assert ALL.product(by_response) == pytest.approx(products[0, 0], rel=1e-9)
+    (column,) = SKIN.signatures(model)[0].columns
+    assert column.of_forces.product(by_response) == pytest.approx(products[0, 1], rel=1e-6)
 
 
 DRAWS, NUMBERS = 4000, 30
