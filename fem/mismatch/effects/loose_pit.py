@@ -188,13 +188,13 @@ def _spread(
 
 def _fitted(model: CaseModel, unit: Fields) -> float:
     """1/E fitted with this unit response."""
-    _, along, plain = model.compliance_products(unit)
+    along, plain = model.compliance_products(unit)
     return max(along / plain, model.compliance / 10)
 
 
 def _explained(model: CaseModel, unit: Fields) -> float:
     """Decrease of the markers' chi-square by this unit response at its best 1/E."""
-    _, along, plain = model.compliance_products(unit)
+    along, plain = model.compliance_products(unit)
     return max(along, 0.0) ** 2 / plain
 
 

@@ -136,19 +136,16 @@ class CaseModel:
 
         return self.memoised(("balance equations", recording.case.name), compute)
 
-    def compliance_products(self, unit: Fields, shift_mm: Fields | None = None) -> tuple[float, float, float]:
-        """y' W y, u' W y and u' W u summed over recordings. u: displacement of the markers for E = 1 MPa; y:
-        their measured displacement less any shift. The best 1/E is the second over the third.
+    def compliance_products(self, unit: Fields) -> tuple[float, float]:
+        """u' W y and u' W u summed over recordings. u: displacement of the markers for E = 1 MPa; y: their
+        measured displacement. The best 1/E is the first over the second.
         """
-        data = along = plain = 0.0
+        along = plain = 0.0
         for k, recording in enumerate(self.grasps):
             tracks, equations = recording.tracks, self.marker_equations(recording)
-            seen = tracks.position_mm - tracks.place_mm - (0.0 if shift_mm is None else shift_mm[k])
-            heavy, driven = equations.weighed(seen), equations.weighed(unit[k])
-            data += float((seen * heavy).sum())
-            along += float((unit[k] * heavy).sum())
-            plain += float((unit[k] * driven).sum())
-        return data, along, plain
+            along += float((unit[k] * equations.weighed(tracks.position_mm - tracks.place_mm)).sum())
+            plain += float((unit[k] * equations.weighed(unit[k])).sum())
+        return along, plain
 
     @property
     def pull(self) -> Pull:
