@@ -12,6 +12,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp
 from scipy.stats import invgamma
 
+from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.model_error import (
     FREEDOM,
@@ -21,6 +22,7 @@ from fem.mismatch.evidence.model_error import (
     model_error_shares,
     scale_prior,
 )
+from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.selection.screening import LinearRound
 
 SCALES = np.geomspace(0.05, 20.0, 61)
@@ -125,8 +127,15 @@ class NullCase:
         )
 
 
+def of_the_flesh(case: ReducedCase) -> ReducedCase:
+    """The case without faults of a gel: the gel gives their amounts, without the model of the flesh."""
+    faults = {effect.spec.name for effect in EFFECTS if isinstance(effect, GelFault)}
+    return replace(case, signatures=[words for words in case.signatures if words["effect"] not in faults])
+
+
 def null_cases(cases: Mapping[str, ReducedCase]) -> list[NullCase]:
     """Stored rounds without mismatch, by name."""
+    cases = {name: of_the_flesh(case) for name, case in cases.items()}
     effects = sorted({words["effect"] for case in cases.values() for words in case.signatures})
     return [NullCase.of(name, case, tuple(effects)) for name, case in cases.items()]
 
