@@ -29,9 +29,9 @@ from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
-FORMAT = 2
+FORMAT = 3
 """Of the file; a reader refuses another."""
-WORDS = ("name", "sd", "mean", "measured", "positive", "least", "same_as")
+WORDS = ("name", "sd", "mean", "measured", "measured_sd", "positive", "least", "same_as")
 """What a file keeps of a Regressor."""
 OF_MODEL_ERROR = "model error"
 """Role of columns that stand for the model's own error."""
@@ -41,7 +41,7 @@ OF_MODEL_ERROR = "model error"
 class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them.
 
-    `columns`: dicts of name, sd, mean, positive, least, same_as (Regressor) and role ("plain", "nuisance",
+    `columns`: dicts of WORDS (Regressor) and role ("plain", "nuisance",
     "model error", "signature").
     `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
@@ -64,8 +64,7 @@ class ReducedCase:
     def gram(self) -> GramMatrix:
         """The products as selection takes them."""
         regressors = [
-            Regressor(fields=(), **{word: column[word] for word in WORDS if word in column})
-            for column in self.columns
+            Regressor(fields=(), **{word: column[word] for word in WORDS}) for column in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
 

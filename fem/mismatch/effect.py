@@ -112,10 +112,19 @@ class Response:
         positive: bool = False,
         least: float = 0.0,
         measured: float = 0.0,
+        measured_sd: float = 0.0,
     ) -> Regressor:
         """Its change as a column. The change is that of an amount `per`; options as of Regressor."""
         fields = [ObservationDelta().plus(1 / per, self.change(model, k)) for k in range(len(self.unit))]
-        return Regressor(name=name, sd=sd, fields=fields, positive=positive, least=least, measured=measured)
+        return Regressor(
+            name=name,
+            sd=sd,
+            fields=fields,
+            positive=positive,
+            least=least,
+            measured=measured,
+            measured_sd=measured_sd,
+        )
 
     @classmethod
     def plain(

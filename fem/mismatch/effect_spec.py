@@ -20,7 +20,8 @@ LAW_ERROR = 0.15
 In twelve labelled cases the signals that remain for other effects are 0.10 of the true effect's (root mean
 square), and 0.5 at most."""
 LAW_ERROR_OF_READINGS = 0.02
-"""The same for a law of a sensor's readings, without mechanics. Set by hand."""
+"""The same for a law of a sensor's readings, without mechanics. Set by hand, with the labelled cases in view
+(`benchmarks/mismatch.py score`)."""
 
 
 class Scope(StrEnum):

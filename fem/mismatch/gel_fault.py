@@ -2,11 +2,12 @@
 
 A law (fem.mismatch.evidence.gel_relation.GelLaw) maps true force and displacement to recorded
 ones. The fit of this relation gives the evidence for the law, and the prior of its amounts. But a gel may
-truly behave so, and be read correctly. The flesh's equations with the law inverted,
+truly behave so, and be read correctly. Two fits of the flesh separate the cases
+(fem.mismatch.selection.decision): one without and one with the law inverted,
 
     y - shift(theta) = X + s c(f_true(theta)) + ...
 
-and without separate the two (fem.mismatch.selection.decision). f_true drives the model as recorded forces do
+f_true drives the model as recorded forces do
 (fem.estimation.prepared_grasp), which derives most of them from the displacement already.
 """
 
@@ -34,8 +35,9 @@ from fem.mismatch.signature_variant import ONE_WAY, Variant
 KEPT, NO_FORCE_N = 1e-3, 1e-9
 """Relative and absolute (N) limits below which singular values of a change of forces are dropped."""
 HELD = 0.01
-"""Prior standard deviation of a parameter in the search over that of the relation: the parameter is nearly
-fixed. For a nonlinearity of 0.28 in soft flesh, the flesh's equations alone would give 0.20."""
+"""Prior standard deviation of an amount in the fit of the flesh over that of the relation: it is nearly
+fixed. For a nonlinearity of 0.28 in soft flesh, the flesh's equations alone would give 0.20. So evidence may
+be a little low, and error bars take the standard deviation of the relation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +60,10 @@ class GelFault(Effect):
         nothing = {**measured.values, **dict.fromkeys(self.amounts, 0.0)}
         columns = []
         for name in self.amounts:
-            amount = measured.values[name]
+            amount, sd = measured.values[name], measured.sd[name]
             there = self.respond(model, {**nothing, name: amount}, ONE_WAY)
             columns.append(
-                there.column(model, name, sd=HELD * measured.sd[name], per=amount or 1.0, measured=amount)
+                there.column(model, name, sd=HELD * sd, per=amount or 1.0, measured=amount, measured_sd=sd)
             )
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 

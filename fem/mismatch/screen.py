@@ -13,6 +13,7 @@ A confirmed effect's displacement (GraspCase.correction) is part of the plain mo
 tests for further effects.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -158,5 +159,5 @@ def _amounts(linear: LinearRound) -> Iterator[Amount]:
                 pad=pad,
                 parameter=name,
                 value=float(fit.amounts[at]),
-                sd=float(fit.sd[at]),
+                sd=math.hypot(fit.sd[at], products.columns[j].measured_sd),
             )

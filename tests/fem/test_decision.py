@@ -182,10 +182,10 @@ def test_a_injected_effect_a_large_misfit_and_direct_marks_are_each_detected():
 
 
 def weighed(
-    *explanations: tuple[str, float, float], direct: float = 0.0, ambiguous: bool = False
+    *explanations: tuple[str, float, float], direct: float = 0.0, read_correctly: float | None = None
 ) -> dict[str, float]:
     """Probabilities of (name, gain, misfit over MISFIT), and of "unknown"."""
-    of_effects = {"direct": direct, "ambiguous": ambiguous}
+    of_effects = {"direct": direct, "read_correctly": read_correctly}
     known = [
         Weighed(name=name, gain=gain, misfit=ratio * MISFIT, **({} if name == NONE else of_effects))
         for name, gain, ratio in explanations
@@ -223,13 +223,26 @@ def test_what_recordings_show_directly_cannot_be_unknown_physics():
 
 @pytest.mark.parametrize("flesh", [10.0, 0.0, -20.0])
 def test_the_flesh_separates_a_faulty_reading_from_a_gel_that_truly_behaves_so(flesh):
-    """Where the flesh is indifferent, the odds are those of the catalogue to physics outside of it."""
+    """Where the flesh is indifferent, the odds are those of the catalogue to half of the physics outside."""
     direct, case = 60.0, [(NONE, 0.0, 1.0), ("sensor_nonlinear", 60.0 + flesh, 1.0)]
-    probability = weighed(*case, direct=direct, ambiguous=True)
-    odds = (1 - OUTSIDE) / OUTSIDE * np.exp(flesh / TEMPERATURE)
+    probability = weighed(*case, direct=direct, read_correctly=direct)
+    odds = 2 * (1 - OUTSIDE) / OUTSIDE * np.exp(flesh / TEMPERATURE)
     assert probability["sensor_nonlinear"] / probability["unknown"] == pytest.approx(odds, rel=1e-6)
     assert probability[NONE] < 1e-6
     assert weighed(*case, direct=direct)["sensor_nonlinear"] > 0.99
+
+
+def test_a_gel_that_truly_behaves_so_beside_another_effect_is_no_faulty_reading():
+    """A skin gains 100, the gel's relation shows 60, and the flesh denies the faulty reading by 20."""
+    case = [
+        Weighed(name=NONE, gain=0.0, misfit=MISFIT),
+        Weighed(name="skin", gain=100.0, misfit=MISFIT),
+        Weighed(name="sensor_nonlinear", gain=40.0, direct=60.0, read_correctly=60.0, misfit=MISFIT),
+        Weighed(name="sensor_nonlinear+skin", gain=140.0, direct=60.0, read_correctly=160.0, misfit=MISFIT),
+    ]
+    shares, unknown = probabilities(case)
+    assert unknown > 0.99
+    assert max(shares) < 0.01
 
 
 def test_a_pair_needs_more_than_a_single_effect():

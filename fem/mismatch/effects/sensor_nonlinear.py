@@ -4,8 +4,8 @@
 
 at each marker, with the same a. A gel is linear in small deformation (Johnson 1985, Contact Mechanics,
 chapter 4), so that a nonlinear reading bends recorded force against the gel's displacement. A gel that is
-itself nonlinear, read correctly, does so too. The flesh's equations separate the two
-(fem.mismatch.gel_fault): they fit better with the law inverted only if the reading is wrong.
+itself nonlinear, read correctly, does so too. Fits of the flesh with and without the law inverted separate
+the two (fem.mismatch.gel_fault).
 
     |f| = M (sqrt(1 + 4 a r / M) - 1) / (2 a),      M = r_largest / (1 + a),      r = |f_recorded|
 """

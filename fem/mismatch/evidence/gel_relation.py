@@ -15,8 +15,7 @@ with K, e_i and l fitted too. Force and displacement are both noisy, so a regres
 attenuated. Columns are therefore evaluated at their mean by inverse variance, (f / s_f^2 - d / (K s_d^2)) /
 (1 / s_f^2 + 1 / (K s_d)^2). Its noise is independent of that of r (Fuller 1987, Measurement Error Models,
 section 1.2). True values are nuisances at their best fit (Fuller's functional model), so chi2 needs no
-determinant of its variance. Only the widths of theta's priors enter the evidence. The density at an amount
-would cost 2 units of log evidence at most, and a time is known to an order of magnitude beforehand.
+determinant of its variance.
 """
 
 from collections.abc import Mapping, Sequence
@@ -113,8 +112,8 @@ class GelLaw(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class RelationFit:
-    """`values` and `sd` of the parameters; `evidence`: half the drop of chi-square over DESIGN_EFFECT, less
-    the prior's penalty (Laplace); `left`: chi-square per number after the law is inverted.
+    """`values` and `sd` of the parameters; `evidence`: log Bayes factor of the law by Laplace's approximation
+    (chi-square over DESIGN_EFFECT); `left`: chi-square per number after the law is inverted.
     """
 
     values: dict[str, float]
@@ -228,7 +227,7 @@ def fit_law(
     return RelationFit(
         values=dict(zip(names, at.tolist(), strict=True)),
         sd=dict(zip(names, sd.tolist(), strict=True)),
-        evidence=float((plain.chi2 - now.chi2) / 2 / DESIGN_EFFECT + width),
+        evidence=float((plain.chi2 - now.chi2) / 2 / DESIGN_EFFECT - ((at / spread) ** 2).sum() / 2 + width),
         left=now.chi2 / now.count,
     )
 

@@ -85,15 +85,9 @@ class GramMatrix:
             Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=ALL),
             *columns,
         ]
-        self.bias = self._biases(noise, len(recorded))
-        self._by_response = self._biases([known.by_response for known in noise], len(recorded))
-        if surface is not None:
-            self.bias += surface
-            self._by_response -= surface
-        for j, column in enumerate(self.columns):
-            if column.same_as is not None:
-                self.bias[:, j] = self.bias[:, column.same_as]
-                self._by_response[:, j] = self._by_response[:, column.same_as]
+        self._recorded = recorded
+        self._surface = np.zeros((len(recorded), len(self.columns))) if surface is None else surface
+        self.bias = self._with_same(self._biases(noise) + self._surface)
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
@@ -114,7 +108,6 @@ class GramMatrix:
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(_corrected(products, self.bias[len(self.rows) - 1, known]))
             self.weighed.append(heavy)
-        self._recorded = recorded
 
     @classmethod
     def from_products(
@@ -133,17 +126,36 @@ class GramMatrix:
         matrix.weighed, matrix.data, matrix._recorded = [], [], []
         matrix._noise, matrix._noise_products, matrix._workers = (), MemoTable(), 1
         matrix._compliance = float("nan")
-        matrix.bias = matrix._by_response = np.zeros((len(rows), len(columns)))
+        matrix.bias = np.zeros((len(rows), len(columns)))
         return matrix
 
-    def _biases(self, noise: Sequence[ForceNoise | None], recordings: int) -> Float[np.ndarray, "k c"]:
+    def _biases(self, noise: Sequence[ForceNoise]) -> Float[np.ndarray, "k c"]:
         """Products of each column with the noise of each recording; zero if it is not known."""
         known = parallel_map(
             lambda k: [_bias(column, noise[k], k) for column in self.columns],
             range(len(noise)),
             workers=self._workers,
         )
-        return np.array(known) if known else np.zeros((recordings, len(self.columns)))
+        return np.array(known) if known else np.zeros((len(self._recorded), len(self.columns)))
+
+    def _by_response(self) -> Float[np.ndarray, "k c"]:
+        """q (force_noise) of each column. The surface's bias, -s dphi . W dc, is all by the response."""
+
+        def solved() -> np.ndarray:
+            noise = parallel_map(
+                lambda k: self._noise[k].of_response(self._recorded[k].weighed_markers),
+                range(len(self._noise)),
+                workers=self._workers,
+            )
+            return self._with_same(self._biases(noise) - self._surface)
+
+        products: np.ndarray = self._noise_products.memoised("by response", solved)
+        return products
+
+    def _with_same(self, bias: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k c"]:
+        """With the products of each column of model error, which are those of its effect's column."""
+        same = [j if column.same_as is None else column.same_as for j, column in enumerate(self.columns)]
+        return bias[:, same]
 
     def about(
         self,
@@ -158,14 +170,14 @@ class GramMatrix:
         renumbered.
 
         The result supports fits only: only the linear round's own columns can be linearised about a model.
-        Products with the noise of forces are those at the 1/E of `model`.
+        Its products with the noise of forces are those at the 1/E of `model`.
 
         `signatures`: columns that the model resembles at small amounts. The noise of forces in the model and
         in `more` is approximated by that of these columns, in their least-squares amounts
         (fem.mismatch.model.force_noise).
         """
         other = copy(self)
-        other._compliance = model.compliance
+        other._compliance, other._noise, other._noise_products = model.compliance, (), MemoTable()
         biased = [j for j in signatures if self.bias[:, j].any()]
         moved = replace(response, shift_mm=None)  # no noise of forces reaches the shift of markers
         changes = [
@@ -177,7 +189,7 @@ class GramMatrix:
         noise = noise_of_change(
             self.bias[:, [0, *biased]], self._products_of_noise(biased), like_signatures[0], share=share
         )
-        bias = (self.bias + (1 - share) * self._by_response)[:, list(chosen)]
+        bias = (self.bias + (1 - share) * self._by_response())[:, list(chosen)]
         other.bias = np.column_stack([noise.plain, bias, noise.signatures @ like_signatures[1:].T])
         old = [self.columns[j].at(share) for j in chosen]
         plain_fields = _along_compliance(model, response.unit, old)
@@ -222,7 +234,7 @@ class GramMatrix:
         products = np.zeros((len(self.bias), len(columns), len(columns)))
         if biased and self._noise:
             products[:, 1:, 1:] = self._noise_products.memoised(tuple(biased), of_signatures)
-        products[:, 0] = products[:, :, 0] = self._by_response[:, columns]
+        products[:, 0] = products[:, :, 0] = self._by_response()[:, columns]
         return products
 
     def _amounts_of(
@@ -311,8 +323,8 @@ def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: i
     return data
 
 
-def _bias(column: Regressor, noise: ForceNoise | None, k: int) -> float:
-    if noise is None or column.of_forces is None or column.fields[k] is None:
+def _bias(column: Regressor, noise: ForceNoise, k: int) -> float:
+    if column.of_forces is None or column.fields[k] is None:
         return 0.0
     return column.of_forces.product(noise)
 

@@ -114,6 +114,8 @@ def model_error_columns(
             column,
             name=f"model error {effect.spec.name}",
             mean=0.0,
+            measured=0.0,
+            measured_sd=0.0,
             sd=share * compliance_ratio * column.sd / np.sqrt(count[effect.spec.name, signature.variant.pad]),
             positive=False,
             of_forces=None,

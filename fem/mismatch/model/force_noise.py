@@ -25,14 +25,14 @@ Q = E[phi(df) . W phi(df)], the square of its noise is less than that of the pla
     2 a.n - a.Q a,        and the products of columns phi_j with it are n_j - Q_j a
 
 At r times the 1/E of the draws, e is dy - r s C df. With q = E[phi(df) . W s C df] a product n becomes
-n + (1 - r) q (`by_response`).
+n + (1 - r) q (`of_response`).
 
 Noise has short wavelengths, and an effect that stiffens the surface soon removes most of its response. The
 square is least at the amounts t a, t = a.n / a.Q a; beyond these it is kept constant.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -61,7 +61,6 @@ class ForceNoise:
 
     `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r at all nodes (E = 1 MPa), `response` at the
     markers. `weighed`: W e. `adjoint`: K0^-1 L g_r at all nodes, `adjoint_response` at the markers.
-    `by_response`: the same draws with s C df for e.
     """
 
     compliance: float
@@ -72,7 +71,6 @@ class ForceNoise:
     weighed: Float[np.ndarray, "p f n 3"]
     adjoint: Float[np.ndarray, "p r m 3"]
     adjoint_response: Float[np.ndarray, "p r n 3"]
-    by_response: "ForceNoise | None" = None
 
     def of_draws(self, products: Float[np.ndarray, " p"]) -> float:
         """Mean over draws, times the share of frames kept: frames left out contribute to the patterns too."""
@@ -93,6 +91,13 @@ class ForceNoise:
         """s sum_r a_r(t) c_r, c_r the responses to the first patterns."""
         shares = self.recording.shares[:, : response.shape[1]]
         return np.asarray(self.compliance * np.einsum("fr,prnx->pfnx", shares, response))
+
+    def of_response(self, weigh: WeighedMarkers) -> "ForceNoise":
+        """The same draws with s C df for e; `weigh`: W. One solve."""
+        weighed = np.stack([weigh(draw) for draw in self.over_time(self.response)])
+        pulled = np.einsum("fr,pfnx->prnx", _shares(self.recording), weighed)
+        moved, seen = _solved_on(self.recording, pulled)
+        return replace(self, weighed=weighed, adjoint=moved, adjoint_response=seen)
 
     @cached_value
     def inner_products(self) -> dict[str, float]:
@@ -229,26 +234,23 @@ def drawn_force_noise(
         base.grasps, weighed_markers, drawn, solved, strict=True
     ):
         share = _shares(recording)
-        moved = compliance * np.einsum("fr,prnx->pfnx", share, response)
-        weighed.append(np.stack([[weigh(draw) for draw in part] for part in (places - moved, moved)]))
-        pulled.append(np.einsum("fr,epfnx->eprnx", share, weighed[-1]))
-    adjoint = _solved(base, [parts.reshape(-1, *parts.shape[2:]) for parts in pulled])
-
-    def noise(k: int, excess: slice, part: int, by_response: ForceNoise | None = None) -> ForceNoise:
-        return ForceNoise(
+        excess = places - compliance * np.einsum("fr,prnx->pfnx", share, response)
+        weighed.append(np.stack([weigh(draw) for draw in excess]))
+        pulled.append(np.einsum("fr,pfnx->prnx", share, weighed[-1]))
+    adjoint = _solved(base, pulled)
+    return [
+        ForceNoise(
             compliance=compliance,
-            recording=base.grasps[k],
+            recording=recording,
             force_N=forces[k],
             moved=solved[k][0],
             response=solved[k][1],
-            weighed=weighed[k][part],
-            adjoint=adjoint[k][0][excess],
-            adjoint_response=adjoint[k][1][excess],
-            by_response=by_response,
+            weighed=weighed[k],
+            adjoint=adjoint[k][0],
+            adjoint_response=adjoint[k][1],
         )
-
-    first, last = slice(draws), slice(draws, None)
-    return [noise(k, first, 0, noise(k, last, 1)) for k in range(len(base.grasps))]
+        for k, recording in enumerate(base.grasps)
+    ]
 
 
 def _shares(recording: GraspResponse) -> Float[np.ndarray, "f r"]:
@@ -301,12 +303,27 @@ def _solved(
         for recording, forces in zip(base.grasps, force_N, strict=True)
     ]
     return [
-        (
-            moved.reshape(*forces.shape[:2], *moved.shape[1:]),
-            recording.at_markers(moved).reshape(forces.shape),
-        )
+        _by_draw(recording, forces, moved)
         for recording, forces, moved in zip(base.grasps, force_N, base.displacements(loads), strict=True)
     ]
+
+
+def _solved_on(
+    recording: GraspResponse, force_N: Float[np.ndarray, "p r n 3"]
+) -> tuple[Float[np.ndarray, "p r m 3"], Float[np.ndarray, "p r n 3"]]:
+    """The same on one recording."""
+    loads = recording.loads(force_N.reshape(-1, *force_N.shape[2:]))
+    return _by_draw(recording, force_N, recording.solid.displacement(loads))
+
+
+def _by_draw(
+    recording: GraspResponse, force_N: Float[np.ndarray, "p r n 3"], moved: Float[np.ndarray, "q m 3"]
+) -> tuple[Float[np.ndarray, "p r m 3"], Float[np.ndarray, "p r n 3"]]:
+    """Displacements of all draws and patterns, at all nodes and at the markers."""
+    return (
+        moved.reshape(*force_N.shape[:2], *moved.shape[1:]),
+        recording.at_markers(moved).reshape(force_N.shape),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -45,6 +45,7 @@ class Regressor:
     fields, which gives their noise (fem.mismatch.model.force_noise); None if they hardly or not linearly
     depend on the forces. `power`: of 1/E with which the prior mean and its spread grow. `measured`: prior
     mean by other data than the markers' motion; it counts where the column is fitted (`mean` always counts).
+    `measured_sd`: its standard deviation. `sd` may be less, so that the fit holds the amount.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Regressor:
     of_forces: LinearInForces | None = None
     power: float = 0.0
     measured: float = 0.0
+    measured_sd: float = 0.0
 
     def at(self, share: float) -> "Regressor":
         """This column at so many times the 1/E."""

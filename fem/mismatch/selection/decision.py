@@ -10,8 +10,9 @@ chi-square per number:
   MISFIT). The true explanation leaves a share of the excess over MISFIT, exponential with mean REMAINING
   (more, if the scatter hides the excess);
 - unknown physics resembles one of the explanations, has that one's log Bayes factor from the motion of the
-  flesh, and leaves any share of the excess. A gel may truly behave as a faulty reading would, and not change
-  the flesh: then the log Bayes factor is that of the gel's relation.
+  flesh, and leaves any share of the excess. A gel may also behave as a faulty reading would, and be read
+  correctly. That is unknown physics, too: it has the same direct evidence, and the flesh is as without the
+  fault. Both are then equally likely beforehand.
 
 The verdict is the smallest set of explanations whose probabilities add up to CREDIBLE. An effect in it
 includes every pair that contains the effect. If the p-value is at least DETECTION_P, the set contains "none",
@@ -61,17 +62,18 @@ DRAWS = 2000
 @dataclass(frozen=True, kw_only=True)
 class Weighed:
     """One explanation before its probability. `gain`: log Bayes factor over the plain model. `direct`: the
-    part of `gain` from evidence that does not depend on the flesh; `ambiguous`: whether unknown physics may
-    give the same direct evidence. `hidden`: evidence against it that errors
-    of its laws explain, less that of the best explanation; it is added to `gain`. `misfit`: its chi-square
-    per number. `tenable`: False if its full model cannot be computed; unknown physics may still resemble it.
+    part of `gain` from evidence that does not depend on the flesh. `read_correctly`: log Bayes factor if the
+    gel behaves as the faulty reading would and is read correctly; None without a fault of a gel. `hidden`:
+    evidence against it that errors of its laws explain, less that of the best explanation; it is added to
+    `gain`. `misfit`: its chi-square per number. `tenable`: False if its full model cannot be computed;
+    unknown physics may still resemble it.
     """
 
     name: str
     gain: float
     misfit: float
     direct: float = 0.0
-    ambiguous: bool = False
+    read_correctly: float | None = None
     hidden: float = 0.0
     tenable: bool = True
 
@@ -110,8 +112,9 @@ def probabilities(
         prior = log_prior(explanation.name, effects=effects)
         as_named = prior + gain + (usual if explanation.name == NONE else present + left)
         named.append(as_named if explanation.tenable else -np.inf)
-        direct = max(explanation.direct, 0.0) / temperature
-        apart = np.logaddexp(gain - direct, direct) if explanation.ambiguous else gain - direct
+        apart = gain - explanation.direct / temperature
+        if explanation.read_correctly is not None:
+            apart = np.logaddexp(apart, explanation.read_correctly / temperature) - np.log(2.0)
         resembled.append(prior + apart + present)
     inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
     total = logsumexp([*inside, *outside])

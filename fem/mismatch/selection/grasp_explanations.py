@@ -125,7 +125,7 @@ def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
         gain=mean_gain([fit.gain for fit in fits]),
         misfit=misfit_left(linear, (best,)),
         direct=best.direct,
-        ambiguous=is_of_relation(best.effect),
+        read_correctly=best.direct if is_of_relation(best.effect) else None,
         linear_fits=(best,),
         modulus_change=_mixture(fits),
     )
@@ -173,7 +173,7 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str
                         ),
                         misfit=first.misfit - drop / linear.numbers,
                         direct=first.direct + best.direct,
-                        ambiguous=first.ambiguous or is_of_relation(best.effect),
+                        read_correctly=_read_correctly(first, second),
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(
                             linear.products,
@@ -184,6 +184,14 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str
                     )
                 )
     return pairs
+
+
+def _read_correctly(first: Hypothesis, second: Hypothesis) -> float | None:
+    """Of a pair: the direct evidence of the fault of a gel, and all evidence of the other effect."""
+    for fault, other in ((first, second), (second, first)):
+        if fault.read_correctly is not None:
+            return fault.read_correctly + other.gain
+    return None
 
 
 def _law(linear: LinearRound, single: Hypothesis) -> _Law:

@@ -245,7 +245,8 @@ def modulus_change(
     last = slice(len(with_effects.amounts) - len(columns), None)
     slope = np.linalg.solve(with_effects.covariance[last, last], with_effects.covariance[last, 0])
     last_of_fit = slice(len(fit.amounts) - len(columns), None)
-    amounts, covariance = fit.amounts[last_of_fit], fit.covariance[last_of_fit, last_of_fit]
+    held = np.diag([products.columns[j].measured_sd ** 2 for j in columns])
+    amounts, covariance = fit.amounts[last_of_fit], fit.covariance[last_of_fit, last_of_fit] + held
     changed = max(1 + with_effects.amounts[0] + slope @ (amounts - with_effects.amounts[last]), 0.5)
     return (
         float((1 + without.amounts[0]) / changed),
