@@ -478,6 +478,21 @@ def test_noise_by_response_is_that_of_the_plain_models_own_column() -> None:
     assert column.of_forces.product(by_response) == pytest.approx(products[0, 1], rel=1e-6)
 
 
+@pytest.mark.parametrize("share", [0.5, 1.0, 1.3])
+def test_a_model_at_another_modulus_has_the_bias_of_draws_at_that_modulus(share: float) -> None:
+    """The plain model's field grows with 1/E, those of the kept columns stay."""
+    model, noise = noisy()
+    equations = GraspEquations.of(model, model.grasps[0])
+    columns = [*SKIN.signatures(model)[0].columns, *linear_nuisances(model)]
+    products = GramMatrix(model, [equations], columns, noise=[noise])
+    other = replace(model, compliance=share * model.compliance)
+    about, _ = products.about(other, Response.plain(model), range(1, len(columns) + 1))
+    drawn_there = drawn(other, equations)
+    assert about.bias[0, 0] == pytest.approx(ALL.product(drawn_there), rel=1e-6)
+    for column, bias in zip(columns, about.bias[0, 1:], strict=True):
+        assert bias == pytest.approx(column.of_forces.product(drawn_there) / share, rel=1e-4, abs=1e-6)
+
+
 DRAWS, NUMBERS = 4000, 30
 
 
