@@ -26,6 +26,8 @@ _FIELD = re.compile(r"(?:\{\d\})+")
 _FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+(?:\.\d+)?)?%?")
 MOST_NAME = 300
 """Most characters before a colon that may name a recording or a file."""
+_VERBATIM = re.compile(r'(?<=[`"])\{(\d)\}(?=[`"])')
+"""A placeholder in quotes or backticks. Its text is a name or a key of a file, which nobody may translate."""
 SENTENCES: Mapping[type, tuple[str, ...]] = {
     BatchEntry: ("fruits", "faults", "reference"),
     FruitEntry: ("screen", "reason", "smaller_error", "warnings", "doubts", "forced", "facts"),
@@ -48,6 +50,8 @@ class _Template(NamedTuple):
     """The longest text between fields; a sentence without it does not fit."""
     pattern: re.Pattern[str]
     translation: str
+    verbatim: frozenset[str]
+    """Numbers of the fields that keep their text."""
 
 
 def in_language(entry: _Entry) -> _Entry:
@@ -100,7 +104,10 @@ def _whole(text: str, language: str) -> str | None:
     """Translation by the matching template with the longest fixed text; None without a match."""
     for template in _templates(language):
         if template.literal in text and (fit := template.pattern.fullmatch(text)) is not None:
-            parts = {name[1:]: _part(part, language) for name, part in fit.groupdict().items()}
+            parts = {
+                name[1:]: part if name[1:] in template.verbatim else _part(part, language)
+                for name, part in fit.groupdict().items()
+            }
             pieces = re.split(r"\{(\d)\}", template.translation)
             return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))
     return None
@@ -134,7 +141,12 @@ def _name(words: str, language: str) -> str | None:
 def _templates(language: str) -> tuple[_Template, ...]:
     known = sorted(catalogue(language).items(), key=lambda entry: -len(_FIELD.sub("", entry[0])))
     return tuple(
-        _Template(max(_FIELD.split(english), key=len), _pattern(english), translation)
+        _Template(
+            max(_FIELD.split(english), key=len),
+            _pattern(english),
+            translation,
+            frozenset(_VERBATIM.findall(english)),
+        )
         for english, translation in known
     )
 

@@ -7,7 +7,9 @@ the slope grows with either. Ball: how deep it goes at a force. ANSI/ASAE S368.4
 """
 
 import math
+import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -97,6 +99,21 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
             read=partial(_apparent_modulus, 0.05),
         ),
     )
+
+
+def is_test_name(name: str) -> bool:
+    """Whether `trade_tests` gives a test this name with some forces; capitals count as small letters.
+
+    >>> [is_test_name(name) for name in ("chord_50_350gf_gf_per_mm", "chord_3", "Plates_2pct_N", "plates_2")]
+    [True, False, True, False]
+    """
+    numbers = [float(text) for text in re.findall(r"\d+(?:\.\d+)?", name)] or [0.0]
+    named = partial(trade_tests, chord_gf=(numbers[0], numbers[-1])), partial(trade_tests, ball_N=numbers[-1])
+    known = {test.name.lower() for test in trade_tests()}
+    for make in named:
+        with suppress(ValueError):  # the numbers are no forces
+            known |= {test.name.lower() for test in make()}
+    return name.lower() in known
 
 
 def reading(

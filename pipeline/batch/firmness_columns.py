@@ -1,4 +1,4 @@
-"""Readings of `drupe firmness` (firmness.csv in the results) as further columns of a fruit."""
+"""Columns of `drupe firmness` (firmness.csv in the results), and of `drupe history --firmness`."""
 
 import csv
 import math
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from fem.firmness.trade_tests import is_test_name
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord
 from pipeline.files.manifest import why_damaged
@@ -15,6 +16,26 @@ MOST_BYTES = 20_000_000
 """Most bytes of a table that drupe reads: a hundred thousand fruit."""
 SAME_E = 1e-3
 """A reading applies to the present E if both E differ by less than this share (four figures are stored)."""
+
+PLUNGERS_MM = {"8mm": 8.0, "5/16in": 8.0, "11mm": 11.1, "11.1mm": 11.1, "7/16in": 11.1}
+"""Plunger diameters by their spellings."""
+ERROR = "_sd"
+"""Suffix of the column with a reading's standard deviation."""
+
+
+def predicted_columns(plunger_mm: float) -> tuple[str, ...]:
+    """Columns of `drupe history` for a penetrometer's predicted reading and both ends of its interval.
+
+    >>> predicted_columns(11.1)[0]
+    'firmness_11.1mm_N_predicted'
+    """
+    return tuple(f"firmness_{plunger_mm:g}mm_N_{part}" for part in ("predicted", "low", "high"))
+
+
+def is_firmness_column(name: str) -> bool:
+    """Whether drupe gives a column of firmness this name; capitals count as small letters."""
+    predicted = {column.lower() for size in PLUNGERS_MM.values() for column in predicted_columns(size)}
+    return name.lower() in predicted or is_test_name(name.lower().removesuffix(ERROR))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +59,8 @@ def firmness_readings(results: Results) -> FirmnessReadings:
         return FirmnessReadings()
     table = csv.DictReader(text_or_empty(results.firmness, most_bytes=MOST_BYTES).splitlines())
     header = table.fieldnames or ()
-    tests = [name for name in header if f"{name}_sd" in header]
-    columns = tuple(column for test in tests for column in (test, f"{test}_sd"))
+    tests = [name for name in header if f"{name}{ERROR}" in header]
+    columns = tuple(column for test in tests for column in (test, f"{test}{ERROR}"))
     rows = {row["fruit_id"]: _numbers(row, ("E_MPa", *columns)) for row in table}
     return FirmnessReadings(columns=columns, rows=rows)
 

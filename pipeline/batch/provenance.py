@@ -12,6 +12,7 @@ from pipeline.batch.batch_place import not_there
 from pipeline.batch.cache import ROOMS, code_version, file_hash, library_versions
 from pipeline.batch.layout import BatchFolder, Results, write_whole
 from pipeline.files.manifest import json_in
+from pipeline.files.plain_file import composed_texts
 from pipeline.problem import refused
 
 FORMAT = "drupe-batch-result"
@@ -46,9 +47,11 @@ def write_provenance(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_provenance(results: Results) -> dict[str, Any] | None:
-    """The content of batch.json; None if it is missing or invalid."""
+    """The content of batch.json, its settings with composed letters; None if it is missing or invalid."""
     said = json_in(results.provenance)
-    return said if isinstance(said, dict) and said.get("format") == FORMAT else None
+    if not isinstance(said, dict) or said.get("format") != FORMAT:
+        return None
+    return said | {"settings": composed_texts(said["settings"])} if "settings" in said else said
 
 
 def require_provenance(results: Results) -> dict[str, Any]:

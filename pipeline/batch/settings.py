@@ -2,7 +2,6 @@
 
 import datetime
 import itertools
-import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -44,11 +43,6 @@ HISTORY_COLUMNS = (
     "sensor_serial", "temperature_C",
 )  # fmt: skip
 """Columns of the tables of `drupe history` that are neither settings nor columns of other tables."""
-
-READING = re.compile(
-    r"(?:plates|chord|ball|s368)_\d[\w.]*|firmness_[\w.]+_N_(?:predicted|low|high)", re.IGNORECASE
-)
-"""Columns of `drupe firmness`, and of `drupe history --firmness`."""
 
 
 class Strict(BaseModel):
@@ -234,6 +228,11 @@ class SensorSettings(Device):
     """Name and day of the calibration."""
 
     @property
+    def calibrated(self) -> bool:
+        """Whether a calibration is named or dated."""
+        return self.calibration is not None or self.calibrated_on is not None
+
+    @property
     def gel_stiffness(self) -> dict[str, tuple[float, float]]:
         """The known stiffness and its relative standard deviation, by name; empty if none is stated."""
         known = {
@@ -312,10 +311,10 @@ class Settings(Strict):
     @field_validator("calibration_days")
     @classmethod
     def _of_something(cls, days: int | None, info: ValidationInfo) -> int | None:
-        """Raises ValueError if neither the sensor's calibration has a date nor a rig is given."""
+        """Raises ValueError without a rig and without a calibration of the sensor."""
         sensor = info.data.get("sensor")
-        dated = sensor is not None and sensor.calibrated_on is not None
-        if days is not None and not dated and info.data.get("rig") is None:
+        calibrated = sensor is not None and sensor.calibrated
+        if days is not None and not calibrated and info.data.get("rig") is None:
             raise ValueError("needs a date: add calibrated_on under [sensor], or a rig")
         return days
 
@@ -324,6 +323,7 @@ class Settings(Strict):
     def _free_names(cls, columns: dict[str, str]) -> dict[str, str]:
         """Raises ValueError for names that drupe's settings or tables use, invalid ones, and equal ones."""
         with elsewhere():
+            from pipeline.batch.firmness_columns import is_firmness_column
             from reports.tables import RANKING_COLUMNS
         columns = {composed(name): unit for name, unit in columns.items()}
         taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, *HISTORY_COLUMNS)
@@ -333,7 +333,7 @@ class Settings(Strict):
                     f'"{name[:80]}" cannot name a column; start with a letter or digit, then use letters, '
                     "digits, spaces and _ . % ° # ( ) / - (at most 60)"
                 )
-            if (column := canonical(name, taken)) in taken or READING.fullmatch(column):
+            if (column := canonical(name, taken)) in taken or is_firmness_column(column):
                 raise ValueError(f'"{name}" is the name of a column of drupe ({column}); choose another name')
         if len({canonical(name, ()) for name in columns}) < len(columns):
             raise ValueError(f"names must differ by more than capitals and spaces, found {list(columns)}")

@@ -153,8 +153,8 @@ def history(
                 variables=variables,
             ),
             oecd=oecd,
-            size_column=size_column,
-            firmness=tuple(firmness or ()),
+            size_column=composed(size_column),
+            firmness=tuple(map(composed, firmness or ())),
         ),
     )
     if wanted.forget or dry_run:

@@ -39,15 +39,15 @@ def judge(
     language = chosen_language(lang)
     with elsewhere():
         from pipeline.batch.layout import Results
-        from pipeline.files.plain_file import composed
         from pipeline.run.judging import judge_fruit, language_of
         from pipeline.run.reporting import with_report
         from reports.words import with_sd
     results = Results(out)
-    fruit, judged_class = composed(fruit), composed(judged_class)
     verdict = judge_fruit(results, fruit, judged_class=judged_class, by=by, why=why, now=datetime.now(UTC))
     E = f"E stays {with_sd(verdict.E_MPa, verdict.E_sd_MPa)} MPa" if verdict.E_MPa else "there is no E"
-    typer.echo(f"{fruit}: {verdict.judged_class}, by {verdict.by} ({E}); kept in {results.verdicts}")
+    typer.echo(
+        f"{verdict.fruit_id}: {verdict.judged_class}, by {verdict.by} ({E}); kept in {results.verdicts}"
+    )
     language = language if lang else language_of(results.report, language)
     for line in with_report(out, batch, language=language):
         typer.echo(line, err=True)

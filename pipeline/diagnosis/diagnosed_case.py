@@ -15,7 +15,7 @@ from pipeline.batch.opening import Batch, open_batch
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict
 from pipeline.batch.settings_file import read_toml
 from pipeline.batch.task import FruitTask, fruit_task
-from pipeline.files.plain_file import listed
+from pipeline.files.plain_file import composed, listed
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
 from pipeline.problem import BatchRefused, Problem, known_names, nearest, refused
 from pipeline.run.checking import implausible
@@ -86,6 +86,7 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     if not path.is_dir():
         is_file = f"is a file; give the folder of a case: {_HOLDS}."
         raise refused(path, is_file if path.exists() else "does not exist; give the folder of a case.")
+    fruit_id = None if fruit_id is None else composed(fruit_id)
     if BatchFolder(path).settings.is_file():
         if fruit_id is None:
             raise refused(path, _which_fruit(path))
@@ -101,9 +102,9 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     if not BatchFolder(root).settings.is_file():
         sentence = f"lies in fruits/, but {root} has no batch.toml; add batch.toml with the batch's category."
         raise refused(path, sentence)
-    if fruit_id not in (None, place.name):
-        raise refused(path, f'The path is fruit "{path.name}" but --fruit says "{fruit_id}"; remove one.')
-    return _of_batch(root, place.name, out)
+    if fruit_id not in (None, name := composed(place.name)):
+        raise refused(path, f'The path is fruit "{name}" but --fruit says "{fruit_id}"; remove one.')
+    return _of_batch(root, name, out)
 
 
 _HOLDS = (

@@ -7,7 +7,7 @@ import re
 import stat
 import tomllib
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -220,6 +220,21 @@ def composed(text: str) -> str:
     (4, 3)
     """
     return unicodedata.normalize("NFC", text)
+
+
+def composed_texts(content: Any) -> Any:
+    """The content with `composed` texts in its tables and lists, at any depth.
+
+    >>> composed_texts({"lot": "Su\u0308d", "classes": [{"name": "fu\u0308r jetzt", "ship": True}]})
+    {'lot': 'S\xfcd', 'classes': [{'name': 'f\xfcr jetzt', 'ship': True}]}
+    """
+    if isinstance(content, str):
+        return composed(content)
+    if isinstance(content, Mapping):
+        return {composed_texts(name): composed_texts(inner) for name, inner in content.items()}
+    if isinstance(content, list | tuple):
+        return type(content)(map(composed_texts, content))
+    return content
 
 
 def printable(text: str) -> str:

@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from pipeline.batch.firmness_columns import PLUNGERS_MM, predicted_columns
 from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.softening import COVERAGE
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
@@ -31,8 +32,6 @@ FEWEST_FRUIT = 8
 than with many. Set by hand."""
 LEAST_SPAN = 0.4
 """Least range of ln E of the fruit, a factor of 1.5 in E; over less, a line fits noise. Set by hand."""
-PLUNGERS_MM = {"8mm": 8.0, "5/16in": 8.0, "11mm": 11.1, "11.1mm": 11.1, "7/16in": 11.1}
-"""Plunger diameters by their spellings."""
 UNITS = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216152605}
 """Newtons per unit (BIPM, NIST SP 811)."""
 COLUMN = re.compile(r"(?P<column>.+)=\s*(?P<unit>[A-Za-z]+)\s*@(?P<plunger>[^=@]+)")
@@ -219,7 +218,7 @@ def with_firmness(
             cells[k, 0] = fruit.E_MPa if of_fruit == group and fruit.E_known_MPa is None else np.nan
         known = (cells[:, 0] >= relation.E_low_MPa) & (cells[:, 0] <= relation.E_high_MPa)
         cells[known], cells[~known] = relation.predicted(cells[known, 0]).round(2), np.nan
-        for column, part in zip(cells.T, ("predicted", "low", "high"), strict=True):
-            name, added = f"firmness_{plunger_mm:g}mm_N_{part}", pd.Series(column, dtype=object)
+        for column, name in zip(cells.T, predicted_columns(plunger_mm), strict=True):
+            added = pd.Series(column, dtype=object)
             table[name] = table[name].combine_first(added) if name in table else added
     return table

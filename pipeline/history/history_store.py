@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from sqlalchemy import Connection, MetaData, Table, delete, insert, select
 
 from pipeline.files.plain_file import composed
-from pipeline.history.stored_batch import StoredBatch, StoredFruit, StoredGrasp
+from pipeline.history.stored_batch import StoredBatch, StoredFruit, StoredGrasp, composed_batch
 from pipeline.problem import refused
 
 NAME_LENGTH = 12
@@ -156,7 +156,7 @@ def read_store(connection: Connection, path: Path | None) -> HistoryStore:
     for row in connection.execute(select(result).order_by(result.c.graded_utc, result.c.id)).mappings():
         name = str(row["batch"])
         batch = StoredBatch(**_fields(StoredBatch, row), key=name, fruit=tuple(fruit[row["id"]]))
-        store.results.setdefault(name, []).append(batch)
+        store.results.setdefault(name, []).append(composed_batch(batch))
         if row["sha256"] != _sha256(batch):
             store.damaged.add(name)
     return store

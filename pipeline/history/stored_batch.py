@@ -4,7 +4,7 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import asdict, field
 from datetime import date, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -16,7 +16,7 @@ from pipeline.batch.layout import Results
 from pipeline.batch.provenance import require_finished
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import why_damaged
-from pipeline.files.plain_file import printable
+from pipeline.files.plain_file import composed_texts, printable
 from pipeline.problem import BatchRefused, Problem, refused
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
@@ -126,11 +126,16 @@ def stored_batch(out: Path) -> StoredBatch:
         raise refused(results.provenance, f"{why}; {GRADE_AGAIN}")
     said = require_finished(results)
     try:
-        return _batch(out, results, said)
+        return composed_batch(_batch(out, results, said))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         why = f"{type(error).__name__}: {printable(str(error))[:80]}"
         sentence = f"is damaged or from another version ({why}); grade the batch again."
         raise refused(results.provenance, sentence) from None
+
+
+def composed_batch(batch: StoredBatch) -> StoredBatch:
+    """The batch with composed letters (Unicode NFC) in all names, but not in its folder, which is a path."""
+    return StoredBatch(**composed_texts(asdict(batch)) | {"folder": batch.folder})
 
 
 def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:

@@ -46,25 +46,25 @@ def old_calibrations(root: Path, settings: Settings, *, graded_on: date) -> Iter
     for what, field, file, made, again in _calibrations(root, settings):
         if made is None:
             yield (
-                f"The {what} has no date: {field} in {file} is missing, but calibration_days in batch.toml "
+                f"The {what} has no date: `{field}` in {file} is missing, but calibration_days in batch.toml "
                 "limits its age. Add the day of the calibration."
             )
         elif made > day:
             yield (
-                f"The {what} is dated after the grasps: {field} in {file} is {made}, expected at most {day}. "
-                "Correct it, or measured_on in batch.toml."
+                f"The {what} is dated after the grasps: `{field}` in {file} is {made}, expected at most "
+                f"{day}. Correct it, or measured_on in batch.toml."
             )
         elif (days := (day - made).days) > most_days:
             yield (
-                f"The {what} is too old: {field} in {file} is {made}, {days} days before the grasps ({day}), "
-                f"expected at most {most_days} days (calibration_days in batch.toml). {again}"
+                f"The {what} is too old: `{field}` in {file} is {made}, {days} days before the grasps "
+                f"({day}), expected at most {most_days} days (calibration_days in batch.toml). {again}"
             )
 
 
 def _calibrations(root: Path, settings: Settings) -> Iterator[tuple[str, str, str, date | None, str]]:
     """Each calibration that the settings name: what, field of its date, file, date, what to do again."""
     sensor, path = settings.sensor, rig_path(root, settings)
-    if sensor is not None and (sensor.calibration is not None or sensor.calibrated_on is not None):
+    if sensor is not None and sensor.calibrated:
         again = "Calibrate the sensor again (drupe calibrate), and correct calibrated_on."
         yield "calibration of the sensor", "calibrated_on", "batch.toml", sensor.calibrated_on, again
     try:

@@ -64,7 +64,7 @@ class BatchRun:
     started: datetime
     since_s: float
     ended: datetime | None = None
-    """The end of the run, of which only the report is written again."""
+    """End of a finished run: drupe writes only its report again."""
 
     def until_now(self) -> datetime:
         """The end of the run if it has ended, otherwise the time now by the monotonic clock."""

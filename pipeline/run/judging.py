@@ -10,7 +10,7 @@ from pipeline.batch.layout import Results
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.batch.verdicts import Verdict, add_verdict
-from pipeline.files.plain_file import printable, read_head
+from pipeline.files.plain_file import composed, printable, read_head
 from pipeline.problem import known_names, refused
 from reports.language import LANGUAGES
 
@@ -25,10 +25,12 @@ def judge_fruit(
     now: datetime,
     device: str = "",
 ) -> Verdict:
-    """Adds the verdict to the results' verdicts. Raises BatchRefused if the fruit has no result there, or the
-    batch has other classes; and NotWritten.
+    """Adds the verdict to the results' verdicts. Names are the same if their composed letters are.
+
+    Raises BatchRefused if the fruit has no result there, or the batch has other classes; and NotWritten.
     """
-    record, classes = judged_record(results, fruit_id)
+    judged_class = composed(judged_class)
+    record, classes = judged_record(results, composed(fruit_id))
     if classes and judged_class not in classes:
         hint = known_names(judged_class, classes, "class", "classes")
         raise refused("--class", f'found "{judged_class[:80]}"; {hint}')

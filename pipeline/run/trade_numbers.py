@@ -15,6 +15,7 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.fem_failure import FemFailure, FemProblem
 from fem.firmness.simulated_presses import FruitPresses, simulated_presses, spheroid_presses
 from fem.firmness.trade_tests import TradeTest, modulus_at, reading
+from pipeline.batch.firmness_columns import ERROR
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.provenance import require_finished
@@ -215,7 +216,7 @@ def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest], graded_utc: s
         numbers = {name: getattr(fruit, name) for name in ("E_MPa", "E_sd_MPa", "diameter_mm", "pit_share")}
         for test in tests:
             value, sd = fruit.readings.get(test.name, (math.nan, math.nan))
-            numbers |= {test.name: value, f"{test.name}_sd": sd}
+            numbers |= {test.name: value, f"{test.name}{ERROR}": sd}
         shown: dict[str, Any] = {
             name: None if x is None else float(f"{x:.4g}") for name, x in {**numbers, **fruit.E_at}.items()
         }

@@ -196,5 +196,6 @@ def require_enough(count: int, *, where: str) -> None:
 def _unreadable(
     path: Path, fault: str, expected: str = "a whole JPEG, PNG or HEIC: copy it again or remove it"
 ) -> ReconFailure:
-    where = f"{printable(path.name)} in {printable(str(path.parent))}"
-    return ReconProblem.UNREADABLE_PHOTO.failure(f"{where} {fault}; expected {expected}.")
+    name, folder = printable(path.name), printable(str(path.parent))
+    said = f"The photo {name} in {folder} {fault}; expected {expected}."
+    return ReconProblem.UNREADABLE_PHOTO.failure(said)

@@ -206,5 +206,5 @@ def _too_fine(path: Path, content: str) -> ReconFailure:
 
 
 def _unreadable(path: Path, fault: str, expected: str) -> ReconFailure:
-    said = f"{printable(str(path))} {fault}; expected {expected}."
+    said = f"The mesh {printable(str(path))} {fault}; expected {expected}."
     return ReconProblem.UNREADABLE_MESH.failure(said)

@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import replace
 from datetime import date
+from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from pipeline.history.acceptance_plans import (
     variables_plan,
 )
 from pipeline.history.lot_acceptance import PlanWanted, acceptance_entries, plan_words, quality_index
+from pipeline.history.lot_database import history_store
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 
 CODE_LETTERS = """
@@ -371,6 +373,37 @@ def test_a_size_of_no_lot_or_stated_twice_is_refused():
         accepted([batch([0.4] * 20)], "7=150", "7 =900")
     with pytest.raises(NoPlan, match="two sizes of lots without a size of their own"):
         accepted([batch([0.4] * 20)], "150", "900")
+
+
+def test_a_lot_of_an_earlier_store_with_separate_accents_is_the_same_lot(drupe, tmp_path):
+    """Python's own normalisation writes the earlier names; the later day has composed ones."""
+    store, page = tmp_path / "s", tmp_path / "h.html"
+    apart = normalize("NFD", "SÜD")
+    limits = ((normalize("NFD", "für jetzt"), 0.5), ("firm", None))
+    with history_store(store) as stored:
+        stored.add(batch([0.6] * 20, limits=limits, lot=apart))
+    grading = {"classes": [{"name": name, "E_max_MPa": E} for name, E in limits]}
+    later = results_of(
+        tmp_path / "out",
+        [graded(f"N{k}", 0.4) for k in range(20)],
+        day="2026-08-14",
+        lot="SÜD",
+        grading=grading,
+    )
+    plan = ("--accept", "für jetzt", "--lot-size", f"{apart}=150")
+    ran = drupe("history", later, "--store", store, *plan, "--html", page, status=0)
+    assert "nectarine, lot S\u00dcD, 2026-08-14: accept: 0 of 20 fruit are outside" in ran.out
+    with history_store(store) as stored:
+        assert {entry.series for entry in stored.batches()} == {("nectarine", "", "S\u00dcD")}
+    assert apart not in page.read_text("utf-8")
+
+
+def test_earlier_results_with_separate_accents_are_the_same_lot(drupe, tmp_path):
+    grading = {"classes": [{"name": "ready", "E_max_MPa": 0.5}, {"name": "firm", "E_max_MPa": None}]}
+    fruit, lot = [graded(f"N{k}", 0.4) for k in range(20)], normalize("NFD", "SÜD")
+    out = results_of(tmp_path / "out", fruit, lot=lot, grading=grading)
+    ran = drupe("history", out, "--accept", "ready", "--lot-size", "SÜD=150", status=0)
+    assert "lot S\u00dcD, 2026-08-10: accept" in ran.out
 
 
 @pytest.fixture

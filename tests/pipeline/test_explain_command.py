@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -241,6 +242,15 @@ def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, find
     again = drupe("explain", batch, "--fruit", "N01", "--apply")
     assert "already contain effects (sensor_gain)" in again.out
     assert (batch / "batch.toml").read_text() == text
+
+
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+def test_a_fruit_is_named_with_composed_or_separate_accents(drupe, finder, batch, form):
+    (batch / "fruits" / "N01").rename(batch / "fruits" / normalize("NFD", "Süd 1"))
+    table = batch / "fruits.csv"
+    table.write_text(table.read_text().replace("N01", "Süd 1"), encoding="utf-8")
+    drupe("explain", batch, "--fruit", normalize(form, "Süd 1"), status=0)
+    drupe("explain", batch / "fruits" / normalize("NFD", "Süd 1"), status=0)
 
 
 def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, batch):

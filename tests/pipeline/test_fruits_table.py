@@ -304,6 +304,20 @@ def test_no_column_of_the_table_of_history_can_be_a_users_own(tmp_path, name):
     assert "is the name of a column of drupe" in settings_refusal(tmp_path, f'"{name}" = ""')
 
 
+@pytest.mark.parametrize(
+    "name", ["plates_2", "ball_1", "chord_3", "s368_b", "firmness_8mm", "plates_2pct_N_se"]
+)
+def test_a_name_that_drupe_firmness_never_gives_can_be_a_users_own(tmp_path, name):
+    (tmp_path / "batch.toml").write_text(f'category = "plum"\n[columns]\n{name} = "mm"\n')
+    assert read_settings(tmp_path / "batch.toml").columns == {name: "mm"}
+
+
+@pytest.mark.parametrize("ending", ["", "_sd"])
+def test_no_column_of_a_test_with_other_forces_can_be_a_users_own(tmp_path, ending):
+    for test in trade_tests(chord_gf=(100.0, 250.5), ball_N=0.75):
+        assert "is the name of a column of drupe" in settings_refusal(tmp_path, f'"{test.name}{ending}" = ""')
+
+
 def test_a_name_with_separate_accents_is_the_same_name(tmp_path):
     """As macOS writes names of files; Python's own normalisation makes them."""
     (tmp_path / "batch.toml").write_text(

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+from unicodedata import normalize
 
 import pytest
 from graded_results import graded, results_of, rows
@@ -124,6 +125,17 @@ def test_a_later_grading_keeps_the_verdict_and_says_that_it_is_about_an_earlier_
     assert "The verdict is about an earlier revision of this result." in page_of(results)
     judge(why="cut open")
     assert rows(results)["A"]["judged_earlier"] == ""
+
+
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+def test_a_class_of_earlier_results_with_separate_accents_is_the_same_class(drupe, tmp_path, form):
+    settings = CLASSES.replace('"soft"', '"für jetzt"')
+    batch = batch_of_balls(tmp_path / "batch", "A", settings=settings)
+    classes = [{"name": normalize("NFD", "für jetzt"), "E_max_MPa": 0.5}, {"name": "firm", "E_max_MPa": None}]
+    out = results_of(batch / "results", [graded("A", 0.3)], grading={"classes": classes})
+    words = ("--class", normalize(form, "für jetzt"), "--by", BY, "--why", WHY)
+    drupe("judge", out, "A", *words, status=0)
+    assert rows(out)["A"]["judged_class"] == "f\u00fcr jetzt"
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import csv
 import math
 from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
+from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -409,6 +410,19 @@ def test_the_command_fits_and_predicts_within_the_range_alone(drupe, tmp_path):
     assert drupe("history", out, "--export", tmp_path / "plain.csv").status == 0
     assert "firmness" not in (tmp_path / "plain.csv").read_text()
     assert "no fruit has a reading" in drupe("history", out, "--firmness", "brix=N@8mm").err
+
+
+def test_options_name_columns_with_separate_accents(drupe, tmp_path):
+    E, F = fruit_and_readings(np.random.default_rng(4), n=20)
+    fruit = [
+        graded(f"N{k}", float(E[k]), columns={"Härte": float(F[k]), "Größe": "A" if k < 10 else "B"})
+        for k in range(20)
+    ]
+    out = results_of(tmp_path / "out", fruit, lot="7")
+    names = ("--firmness", normalize("NFD", "Härte=N@8mm"), "--oecd", "1", "--size-column")
+    ran = drupe("history", out, *names, normalize("NFD", "Größe"), status=0)
+    assert "nectarine, plunger of 8 mm: F = " in ran.out
+    assert "size A: 10 fruit" in ran.out
 
 
 def fruit_of(name, *E_MPa, size="A"):

@@ -462,15 +462,15 @@ def test_settings_that_lack_something_say_what(tmp_path, settings, says):
     [
         (
             "2026-05-11",
-            "too old: calibrated_on in batch.toml is 2026-05-11, 91 days before the grasps (2026-08-10), "
+            "too old: `calibrated_on` in batch.toml is 2026-05-11, 91 days before the grasps (2026-08-10), "
             "expected at most 90 days (calibration_days in batch.toml). Calibrate the sensor again",
         ),
         ("2026-05-12", None),
         ("2026-08-10", None),
         (
             "2026-08-11",
-            "dated after the grasps: calibrated_on in batch.toml is 2026-08-11, expected at most 2026-08-10. "
-            "Correct it, or measured_on in batch.toml.",
+            "dated after the grasps: `calibrated_on` in batch.toml is 2026-08-11, expected at most "
+            "2026-08-10. Correct it, or measured_on in batch.toml.",
         ),
     ],
 )
@@ -494,21 +494,36 @@ def test_a_rig_s_own_date_counts(drupe, batch, results):
         f'made = "2026-01-01"\nsqueezes = 1\nleast_N = 0.2\n[travel]\n{curve}'
     )
     (batch / "batch.toml").write_text(SETTINGS + 'calibration_days = 200\nrig = "rig.toml"\n')
-    old = "The calibration of the rig is too old: made in rig.toml is 2026-01-01, 221 days before the grasps"
+    old = "The calibration of the rig is too old: `made` in rig.toml is 2026-01-01, 221 days before the "
     assert old in drupe("report", results).out
 
 
-def test_a_limit_on_calibrations_without_a_date_is_a_warning(drupe, batch, results):
+UNDATED = '[sensor]\nname = "gel"\ncalibration = "C1"\n'
+NO_DATE = {
+    "en": "has no date: `{}` in {} is missing, but calibration_days",
+    "de": "hat kein Datum: `{}` in {} fehlt, aber calibration_days",
+    "es": "no tiene fecha: falta `{}` en {}, pero calibration_days",
+}
+
+
+def test_a_limit_on_a_named_calibration_without_a_date_or_a_rig_is_a_warning(drupe, batch, results):
+    (batch / "batch.toml").write_text(f"{SETTINGS}calibration_days = 200\n{UNDATED}")
+    done = drupe("report", results, status=0)
+    assert "calibration of the sensor has no date: `calibrated_on` in batch.toml is missing" in done.out
+
+
+@pytest.mark.parametrize("language", NO_DATE)
+def test_a_limit_on_calibrations_without_a_date_is_a_warning(drupe, batch, results, language):
     curve = "force_N = [0, 1, 2]\ngive_mm = [0, 0.2, 0.35]\nsd_mm = [0, 0.01, 0.02]\n"
     (batch / "rig.toml").write_text(
         'format = "drupe-rig"\nversion = 1\nobject = "ball"\nshape = "ball"\nsize_mm = 40.0\n'
         f"squeezes = 1\nleast_N = 0.2\n[travel]\n{curve}"
     )
-    sensor = '[sensor]\nname = "gel"\ncalibration = "C1"\n'
-    (batch / "batch.toml").write_text(f'{SETTINGS}calibration_days = 200\nrig = "rig.toml"\n{sensor}')
-    said = drupe("report", results).out
-    for what, field in (("sensor", "calibrated_on in batch.toml"), ("rig", "made in rig.toml")):
-        assert f"The calibration of the {what} has no date: {field} is missing, but calibration_days" in said
+    (batch / "batch.toml").write_text(f'{SETTINGS}calibration_days = 200\nrig = "rig.toml"\n{UNDATED}')
+    drupe("report", results, "--lang", language, status=0)
+    page = (results / "report.html").read_text("utf-8")
+    for key, file in (("calibrated_on", "batch.toml"), ("made", "rig.toml")):
+        assert NO_DATE[language].format(key, file) in page
 
 
 def test_a_new_date_temperature_or_column_grades_no_fruit_again(batch):

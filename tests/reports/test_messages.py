@@ -28,6 +28,9 @@ from pipeline.diagnosis.explaining import explain_entry
 from pipeline.diagnosis.terminal_summary import print_explanation
 from pipeline.files.manifest import NotOurs, claim, enter
 from pipeline.problem import BatchRefused
+from recon.cameras.photos import read_photo
+from recon.recon_failure import ReconFailure
+from recon.surface.mesh_file import read_mesh
 from reports.entries import ReferenceEntry, ScreenEntry, Suspect
 from reports.explain_entries import EffectEntry, ExplainEntry
 from reports.explain_page import explain_html
@@ -223,6 +226,40 @@ def test_a_sentence_that_no_catalogue_has_stays_as_it_is(language):
         assert message("A sentence of tomorrow: with 0.5 MPa.") == "A sentence of tomorrow: with 0.5 MPa."
         assert message("") == ""
     assert message("force") == "force"
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_person_s_own_sentence_with_a_word_of_a_template_stays_as_it_is(language):
+    note = "My own note; expected rain."
+    with spoken(language):
+        assert message(note) == note
+        assert message(f"A: {note}") == f"A: {note}"
+
+
+@pytest.mark.parametrize(
+    ("language", "photo", "mesh"), [("de", "Das Foto", "Das Netz"), ("es", "La foto", "La malla")]
+)
+def test_a_fault_of_a_photo_or_mesh_is_translated(language, photo, mesh, tmp_path):
+    (tmp_path / "a.jpg").write_bytes(b"")
+    (tmp_path / "a.obj").write_bytes(b"")
+    for read, name, words in ((read_photo, "a.jpg", photo), (read_mesh, "a.obj", mesh)):
+        with pytest.raises(ReconFailure) as failure:
+            read(tmp_path / name)
+        with spoken(language):
+            said = message(failure.value.detail)
+        assert said.startswith(words), said
+        assert re.findall(ENGLISH_WORDS + r"|expected", said.replace(str(tmp_path), "")) == []
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_what_a_template_quotes_keeps_its_text(language):
+    """Keys of settings files are words of the pages too."""
+    quoted = [text for text in catalogue(language) if '"{0}"' in text or "`{0}`" in text]
+    assert quoted
+    for english in quoted:
+        filled = re.sub(r"\{(\d)\}", lambda field: "made" if field[1] == "0" else f"<{field[1]}>", english)
+        with spoken(language):
+            assert re.search(r"\bmade\b", message(filled)), english
 
 
 def test_each_sentence_in_the_records_of_a_page_is_translated():
