@@ -226,8 +226,8 @@ def test_the_flesh_separates_a_faulty_reading_from_a_gel_that_truly_behaves_so(f
     """Where the flesh is indifferent, the odds are those of the catalogue to half of the physics outside."""
     direct, case = 60.0, [(NONE, 0.0, 1.0), ("sensor_nonlinear", 60.0 + flesh, 1.0)]
     probability = weighed(*case, direct=direct, read_correctly=direct)
-    odds = 2 * (1 - OUTSIDE) / OUTSIDE * np.exp(flesh / TEMPERATURE)
-    assert probability["sensor_nonlinear"] / probability["unknown"] == pytest.approx(odds, rel=1e-6)
+    ratio = 2 * (1 - OUTSIDE) / OUTSIDE * np.exp(flesh / TEMPERATURE)
+    assert probability["sensor_nonlinear"] / probability["unknown"] == pytest.approx(ratio, rel=1e-6)
     assert probability[NONE] < 1e-6
     assert weighed(*case, direct=direct)["sensor_nonlinear"] > 0.99
 
