@@ -28,6 +28,8 @@ def problem(
             "mean": 0.0,
             "positive": name == "gripper_compliance",
             "least": 0.0,
+            "measured": 0.0,
+            "measured_sd": 0.0,
             "same_as": None,
             "role": role,
         }
