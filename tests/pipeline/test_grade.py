@@ -370,7 +370,7 @@ def test_the_fruits_own_files_are_named_from_the_batchs_folder_on(task):
     reason = grade_fruit(task, lambda _: None).reason
     assert reason.startswith("fruits/A holds neither photos nor fruit.ply")
     task.folder.fruit_ply.write_text("ply of nothing")
-    assert grade_fruit(task, lambda _: None).reason.startswith("fruits/A/fruit.ply is broken")
+    assert grade_fruit(task, lambda _: None).reason.startswith("The mesh fruits/A/fruit.ply is broken")
 
 
 def test_a_file_outside_the_batch_keeps_its_whole_path(task, tmp_path):

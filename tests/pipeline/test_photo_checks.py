@@ -347,7 +347,7 @@ def test_photos_of_one_side_are_refused_with_where_to_stand(photo_batch):
 def test_an_unreadable_heic_is_named_in_a_quick_check_too(photo_batch):
     (photo_batch / "fruits" / "N01" / "photos" / "100.HEIC").write_bytes(HEIC.read_bytes()[:700])
     ((sentence, remark),) = said_of_photos(photo_batch, quick=True)
-    assert sentence.startswith("fruits/N01/photos/100.HEIC: 100.HEIC in ")
+    assert sentence.startswith("fruits/N01/photos/100.HEIC: The photo 100.HEIC in ")
     assert "is damaged or was cut short" in sentence
     assert not remark
 
