@@ -8,6 +8,7 @@ from itertools import groupby
 
 import numpy as np
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from pipeline.files.plain_file import listed
 from pipeline.history.appraisers import comparisons, gripper_of
@@ -147,8 +148,10 @@ def _day_entry(
 ) -> DayEntry:
     E_MPa = [fruit.E_MPa for fruit in _fitted(batches)]
     logs = np.log(E_MPa)
-    single_sd = law.fruit_sd if law else (float(logs.std(ddof=1)) if len(logs) > 1 else UNKNOWN_SPREAD)
-    half = QUANTILE * single_sd / math.sqrt(len(logs))
+    single_sd, quantile = law.fruit_sd if law else UNKNOWN_SPREAD, QUANTILE
+    if law is None and len(logs) > 1:
+        single_sd, quantile = float(logs.std(ddof=1)), float(student.ppf(HIGH, len(logs) - 1))
+    half = quantile * single_sd / math.sqrt(len(logs))
     low, mean, high = np.exp(logs.mean() + half * np.array([-1, 0, 1])).tolist()
     graded = sum(fruit.E_known_MPa is None for batch in batches for fruit in batch.fruit)
     temperatures = [batch.temperature_C for batch in batches if batch.temperature_C is not None]

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from graded_results import graded, queried, results_of
+from scipy import stats
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.records import FruitRecord
@@ -65,6 +66,16 @@ def test_results_become_days_of_a_lot(three_days):
     assert "2026-08-" in ready.words
     assert len(entry.alarms) == 1
     assert "ball: the last batch deviates by more than 3" in entry.alarms[0]
+
+
+def test_the_mean_of_one_day_has_students_interval(tmp_path):
+    """Of two fruit, by scipy on ln E."""
+    E = {"A": 0.6, "B": 1.35}
+    (series,) = history_entry([stored_batch(day_of(tmp_path / "out", E))], now=NOW).series
+    logs = np.log(list(E.values()))
+    low, high = np.exp(stats.t.interval(0.9, 1, loc=logs.mean(), scale=stats.sem(logs)))
+    (day,) = series.days
+    assert (day.E_low_MPa, day.E_high_MPa) == pytest.approx((low, high))
 
 
 def test_measured_on_takes_the_place_of_the_day_of_grading(tmp_path):
