@@ -41,8 +41,7 @@ OF_MODEL_ERROR = "model error"
 class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them.
 
-    `columns`: dicts of WORDS (Regressor) and role ("plain", "nuisance",
-    "model error", "signature").
+    `columns`: dicts of WORDS (Regressor) and role ("plain", "nuisance", "model error", "signature").
     `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """

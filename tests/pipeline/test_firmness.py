@@ -87,15 +87,7 @@ def test_a_ball_reads_what_the_table_of_spheroids_says(drupe, out):
     assert "://" not in page.replace(own_script("uplot.js")[0], "")  # its comment has its address
     assert page.count('class="drawn"') == 7
     drawn = json.loads(page.partition('id="charts">')[2].partition("</script>")[0])
-    assert sorted(len(chart["layers"]) for chart in drawn) == [
-        1,
-        4,
-        4,
-        4,
-        4,
-        4,
-        4,
-    ]  # of the ball, one pit has values
+    assert sorted(len(chart["layers"]) for chart in drawn) == [1, *[4] * 6]  # of the ball, one pit has values
     assert drupe("firmness", out, "--limit", "plates_5=1").status == 2
     (out / "firmness.csv").write_text("my own notes\n", "utf-8")
     assert "was changed since drupe wrote it" in drupe("firmness", out, status=2).err
