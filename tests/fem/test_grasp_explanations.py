@@ -118,27 +118,32 @@ def test_amounts_are_posterior_means():
 
 
 def round_of(
-    amounts: tuple[float, ...], *, seed: int = 4, numbers: int = 4000, direct: float = 0.0
+    amounts: tuple[float, ...],
+    *,
+    seed: int = 4,
+    numbers: int = 4000,
+    direct: float = 0.0,
+    names: Sequence[str] = NAMES,
 ) -> LinearRound:
-    """A linear round of the three effects; the last one's amount is positive a priori. `direct`: direct
-    evidence of the second.
+    """A linear round of the three effects `names`; the last one's amount is positive a priori. `direct`:
+    direct evidence of the second.
     """
     rng = np.random.default_rng(seed)
     columns = rng.normal(size=(4, numbers))
     data = np.array([0.0, *amounts]) @ columns + rng.normal(size=numbers)
     rows = np.vstack([data, columns])
     regressors = [
-        Regressor(name=name, sd=3.0 if name == "1/E" else 1.0, fields=(), positive=name == NAMES[2])
-        for name in ("1/E", *NAMES)
+        Regressor(name=name, sd=3.0 if name == "1/E" else 1.0, fields=(), positive=name == names[2])
+        for name in ("1/E", *names)
     ]
     return linear_round(
         GramMatrix.from_products(regressors, [np.arange(4)], [rows @ rows.T]),
         (),
         [
             (BY_NAME[name], Signature(variant=ONE_WAY, columns=(regressors[k],)), (k,))
-            for k, name in enumerate(NAMES, 1)
+            for k, name in enumerate(names, 1)
         ],
-        auxiliary=lambda effect, *_: (0.0, direct if effect.spec.name == NAMES[1] else 0.0),
+        auxiliary=lambda effect, *_: (0.0, direct if effect.spec.name == names[1] else 0.0),
         without={},
         numbers=numbers,
     )
@@ -197,6 +202,17 @@ def test_direct_evidence_for_a_second_effect_is_not_hidden():
         pair, single = known["anisotropy+skin"], known["skin"]
         lead.append(pair.gain + pair.hidden - single.gain - single.hidden)
     assert lead[1] - lead[0] == pytest.approx(60.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("names", "apart"), [(NAMES, False), (("gel_creep", "sensor_nonlinear", "skin"), True)]
+)
+def test_two_faults_of_a_gel_relation_make_no_pair_and_hide_nothing_from_each_other(names, apart):
+    linear = round_of((1.0, 0.3, 0.0), names=names)
+    known = by_name(linear)
+    law = grasp_explanations._law(linear, known[names[0]])
+    assert ("+".join(sorted(names[:2])) not in known) == apart
+    assert (names[1] not in grasp_explanations._hidden(law.equations, {names[0]: law})) == apart
 
 
 def test_an_effect_of_the_wrong_sign_is_no_second_one():

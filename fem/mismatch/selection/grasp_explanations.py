@@ -32,12 +32,13 @@ from fem.mismatch.selection.screening import (
 @dataclass(frozen=True, kw_only=True)
 class _Law:
     """The equations of all signatures given an effect, the error of its law as a share of its signal, and
-    the signal: the chi-square that it explains.
+    the signal: the chi-square that it explains. `apart`: the effects that make no pair with it, and itself.
     """
 
     equations: SignatureEquations
     share: float
     signal: float
+    apart: frozenset[str]
 
     def noise(self, columns: Sequence[int]) -> float:
         """Variance of the law's error along a signature, over that of the noise."""
@@ -141,17 +142,14 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
 
 
 def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], laws: Mapping[str, _Law]) -> list[Hypothesis]:
-    """Each effect with every one of smaller evidence that adds evidence to it.
-
-    Two faults of one gel relation make no pair: each partly resembles the other.
-    """
+    """Each effect with every one of smaller evidence that adds evidence to it."""
     pairs = []
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
         law = laws[first.name]
         for second in singles[number + 1 :]:
-            if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
+            if second.name in law.apart:
                 continue
             added = [_second(linear, law.equations, way) for way in ways[second.name]]
             gain = mean_gain([way.gain for way in added])
@@ -197,13 +195,20 @@ def _read_correctly(first: Hypothesis, second: Hypothesis) -> float | None:
 def _law(linear: LinearRound, single: Hypothesis) -> _Law:
     """By the effect's full model if there is one, else by its signature, which is not exact for any law."""
     (fit,) = single.linear_fits
-    again = single.refit
+    again, apart = single.refit, _apart(linear, fit)
     if again is not None and again.others is not None:
-        return _Law(equations=again.others, share=fit.effect.spec.law_error, signal=again.signal)
+        share = fit.effect.spec.law_error
+        return _Law(equations=again.others, share=share, signal=again.signal, apart=apart)
     if not fit.columns:  # its evidence is direct: it does not change the motion
-        return _Law(equations=linear.equations, share=0.0, signal=0.0)
+        return _Law(equations=linear.equations, share=0.0, signal=0.0, apart=apart)
     equations, _ = linear.equations.given(linear.equations.numbers(fit.columns))
-    return _Law(equations=equations, share=LAW_ERROR, signal=fit.chi2_drop)
+    return _Law(equations=equations, share=LAW_ERROR, signal=fit.chi2_drop, apart=apart)
+
+
+def _apart(linear: LinearRound, fit: LinearFit) -> frozenset[str]:
+    """The effect and those that make no pair with it: two faults of one gel relation resemble each other."""
+    faults = frozenset(other.name for other in linear.linear_fits if is_of_relation(other.effect))
+    return faults if fit.name in faults else frozenset({fit.name})
 
 
 def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> dict[str, float]:
@@ -213,7 +218,7 @@ def _hidden(equations: SignatureEquations, laws: Mapping[str, _Law]) -> dict[str
     """
     hidden = {}
     for name, ways in equations.ways.items():
-        if name in laws or not len(ways):
+        if not len(ways) or any(name in law.apart for law in laws.values()):
             continue
         exact = _added(equations, ways, [0.0] * len(ways))
         if exact > 0:
