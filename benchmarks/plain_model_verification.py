@@ -43,7 +43,7 @@ def opened(*files: Path) -> MismatchCase:
         for source in files:
             shutil.copy(source, folder / source.name)
         case = open_case(folder, fruit_id=None, work=Path(work) / "work", out=None)
-        return mismatch_case(case, grasped_fruit(case.task, StageLog(lambda _: None)))
+        return mismatch_case(case, grasped_fruit(case.task, StageLog(lambda _: None), explains=True))
 
 
 def line(case: MismatchCase, true_MPa: float) -> str:

@@ -60,7 +60,8 @@ def main(paths: list[Path], half: Half = "all") -> None:
                 print(f"{folder.name:12s} {failure}", flush=True)
                 continue
             registered = mean_E_MPa(base)
-            touched = mean_E_MPa(with_touched_skin(base, compliance=1 / registered))
+            moved_mm = [recording.tracks.unit_displacement / registered for recording in base.grasps]
+            touched = mean_E_MPa(with_touched_skin(base, moved_mm))
         errors.append(
             (100 * (graded.value / true - 1), 100 * (registered / true - 1), 100 * (touched / true - 1))
         )

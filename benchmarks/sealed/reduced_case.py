@@ -147,7 +147,7 @@ def opened(folder: Path) -> tuple[CaseModel, list[GraspEquations]]:
     """The plain model of a case folder, and the equations of its recordings."""
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str), explains=True)))
     recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
     return model, recorded
 

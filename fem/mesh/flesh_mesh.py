@@ -160,9 +160,50 @@ def tetrahedralise(
         surfaces.append((v, f[:, ::-1]))
     nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=ENVELOPE_SHARE * edge_mm)
     nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
-    at, edge, radius = _fine_places(pit, edge_mm, refine_at_mm, refine_edge_mm, refine_radius_mm)
-    if len(at):
-        size = affordable_size(nodes, tets, at, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
+    where = _fine_places(pit, edge_mm, refine_at_mm, refine_edge_mm, refine_radius_mm)
+    return _refined(nodes, tets, outer, pit, *where, dof_limit=dof_limit)
+
+
+def refined(
+    mesh: FleshMesh,
+    outer_vertices: Float[np.ndarray, "v 3"],
+    outer_faces: Int[np.ndarray, "f 3"],
+    pit_vertices: Float[np.ndarray, "w 3"] | None,
+    pit_faces: Int[np.ndarray, "g 3"] | None,
+    *,
+    edge_mm: float,
+    refine_at_mm: Float[np.ndarray, "q 3"],
+    refine_edge_mm: float | None = None,
+    dof_limit: int,
+) -> FleshMesh:
+    """A mesh of `tetrahedralise` with smaller elements in the contacts, to another dof_limit.
+
+    The other arguments are those of the mesh, and so is what it raises.
+    """
+    outer = checked_surface(outer_vertices, outer_faces, name="fruit")
+    pit = None
+    if pit_vertices is not None and pit_faces is not None:
+        pit = checked_surface(pit_vertices, pit_faces, name="pit")
+    corners, tets = np.unique(mesh.tets[:, :4], return_inverse=True)
+    where = _fine_places(pit, edge_mm, refine_at_mm, refine_edge_mm, None)
+    nodes = mesh.nodes_mm[corners]
+    return _refined(nodes, tets.reshape(-1, 4), outer, pit, *where, dof_limit=dof_limit)
+
+
+def _refined(
+    nodes: np.ndarray,
+    tets: np.ndarray,
+    outer: Surface,
+    pit: Surface | None,
+    at_mm: np.ndarray,
+    edge_mm: np.ndarray,
+    radius_mm: np.ndarray,
+    *,
+    dof_limit: int,
+) -> FleshMesh:
+    """The T10 mesh with edges about edge_mm long around the points at_mm, if dof_limit allows."""
+    if len(at_mm):
+        size = affordable_size(nodes, tets, at_mm, radius_mm=radius_mm, edge_mm=edge_mm, dof_limit=dof_limit)
         nodes, tets = bisected(
             nodes, tets, size, settle=lambda moved, cut, new: _on_surfaces(moved, cut, new, outer, pit)
         )

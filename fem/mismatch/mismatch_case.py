@@ -52,12 +52,16 @@ class GraspCase:
 
 @dataclass(frozen=True, kw_only=True)
 class MismatchCase:
-    """All recordings of one fruit, its flesh around the prior's pit, and the assumptions about them."""
+    """All recordings of one fruit, its flesh around the prior's pit, and the assumptions about them.
+
+    `finer_mesh`: of the same flesh, for the plain response (fem.mismatch.model.finer_mesh); None: `mesh`.
+    """
 
     mesh: FleshMesh
     grasps: tuple[GraspCase, ...]
     poisson_ratio: float
     budget: ErrorBudget
+    finer_mesh: FleshMesh | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,12 +10,14 @@ from scipy.special import logsumexp
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS, SPECS
+from fem.mismatch.evidence.beyond_small_strain import large_deformation
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.residual_places import located, modulus_cells
 from fem.mismatch.localisation.spot_search import fruit_map
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import PlainModel, plain_model
+from fem.mismatch.model.finer_mesh import with_finer_mesh
+from fem.mismatch.model.plain_model import Fields, PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where, in_words
@@ -28,6 +30,10 @@ from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
+
+TOUCH_SHARE = 0.5
+"""Share of the frames in which large deformation is solved for the places that markers touch (path_share of
+CaseModel). Set by hand: these places need a tenth of its accuracy."""
 
 
 def explain(
@@ -151,20 +157,45 @@ def case_model(
     *,
     solids: Mapping[Support, UnitModulusSolid] | None = None,
     most_frames: int | None = None,
+    beyond_small_strain: bool = True,
     workers: int = 1,
 ) -> tuple[CaseModel, list[CompliantFit]]:
     """The plain model at the median 1/E of the recordings, and its fits. `solids`: already factorised, by
-    support. `most_frames`: of each recording (None: all).
+    support. `most_frames`: of each recording (None: all). `beyond_small_strain`: as in CaseModel.
     """
-    first = plain_model(case, solids=solids, workers=workers)
-    registered = plain_fits(first)
-    base = with_touched_skin(
-        first, compliance=_median_compliance(registered), most_frames=most_frames, workers=workers
+    first = CaseModel(
+        base=plain_model(case, solids=solids, workers=workers),
+        compliance=1.0,
+        path_share=TOUCH_SHARE,
+        beyond_small_strain=beyond_small_strain,
+        workers=workers,
     )
+    before = _median_compliance(plain_fits(first.base))
+    first = replace(first, compliance=before)
+    base = with_touched_skin(first.base, _moved_mm(first), most_frames=most_frames, workers=workers)
+    base = with_finer_mesh(base, workers=workers)
     fits = plain_fits(base)
-    compliance, before = _median_compliance(fits), _median_compliance(registered)
+    compliance = _median_compliance(fits)
     scale = compliance / before if compliance > 0 and before > 0 else 1.0
-    return CaseModel(base=base, compliance=compliance, modulus_scale=scale, workers=workers), fits
+    model = CaseModel(
+        base=base,
+        compliance=compliance,
+        modulus_scale=scale,
+        beyond_small_strain=beyond_small_strain,
+        workers=workers,
+    )
+    return model, fits
+
+
+def _moved_mm(model: CaseModel) -> Fields:
+    """Displacement of every recording's markers by the plain model; without large deformation if the fitted
+    1/E is not positive or its solve fails.
+    """
+    large = large_deformation(model) if model.beyond_small_strain and model.compliance > 0 else None
+    unit = model.plain
+    if isinstance(large, list):
+        unit = [linear + more for linear, more in zip(unit, large, strict=True)]
+    return [model.compliance * field for field in unit]
 
 
 def as_graded(model: CaseModel, graded: Modulus) -> CaseModel:

@@ -93,14 +93,16 @@ def screen(
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
     most_frames = max(MOST_FRAMES // len(case.grasps), 1)
-    model, _ = case_model(case, solids=solids, most_frames=most_frames)
+    model, _ = case_model(
+        case, solids=solids, most_frames=most_frames, beyond_small_strain=beyond_small_strain
+    )
     if not model.compliance > 0:
         raise FemFailure(
             FemProblem.NO_MODULUS,
             f"the fitted compliance is not positive (1/E is {model.compliance:.2g} per MPa, expected above "
             "zero); check the signs of forces and poses",
         )
-    model = replace(model, path_share=PATH_SHARE, beyond_small_strain=beyond_small_strain)
+    model = replace(model, path_share=PATH_SHARE)
     recorded = model.each(lambda recording: GraspEquations.of(model, recording))
     linear = screened(model, recorded, _screened_effects(), noise_draws=1)
     detection = detected(linear)

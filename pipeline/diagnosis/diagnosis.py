@@ -62,6 +62,7 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
         grasps=tuple(map(grasp_case, fruit.placed)),
         poisson_ratio=fruit.poisson_ratio,
         budget=fruit.budget,
+        finer_mesh=fruit.finer_mesh,
     )
 
 

@@ -225,7 +225,8 @@ def moving(field) -> PlainModel:
 
 
 def moved_places(base: PlainModel) -> np.ndarray:
-    after = with_touched_skin(base, compliance=COMPLIANCE).grasps[0].case.history.pads
+    moved_mm = [COMPLIANCE * recording.tracks.unit_displacement for recording in base.grasps]
+    after = with_touched_skin(base, moved_mm).grasps[0].case.history.pads
     before = base.grasps[0].case.history.pads
     return np.concatenate([a.surface_mm - b.surface_mm for a, b in zip(after, before, strict=True)])
 
@@ -259,6 +260,7 @@ def test_a_dent_along_the_normal_moves_no_place():
 
 def test_flesh_that_gives_way_nowhere_leaves_places_as_they_were():
     base = plain()
-    after = with_touched_skin(base, compliance=0.0).grasps[0].case.history.pads
+    nothing = [np.zeros_like(recording.tracks.unit_displacement) for recording in base.grasps]
+    after = with_touched_skin(base, nothing).grasps[0].case.history.pads
     for pad_after, other in zip(after, base.grasps[0].case.history.pads, strict=True):
         assert (pad_after.surface_mm == other.surface_mm).all()

@@ -170,7 +170,7 @@ def loose_response(
     path, frames = _spread(recording.shares)
     contact_pressure = pressures(flesh.compliance(pit_turns=pit_turns), open_by[frames])
     pressed = np.stack([np.interp(path, path[frames], course) for course in contact_pressure.T], axis=1)
-    return np.asarray(recording.over_time(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
+    return np.asarray(recording.whole(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
 
 
 def _spread(

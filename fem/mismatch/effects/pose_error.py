@@ -198,7 +198,7 @@ def _exact(
     patterns = recording.patterns.copy()
     patterns[:, markers] = recording.patterns[:, markers] @ turn.T
     there = replace(recording, links=links, patterns=patterns)
-    unit = recording.over_time(there.response_to(patterns))
+    unit = recording.whole(there.response_to(patterns))
     balance = recording.wrench(force) - recording.wrench(pushed, truly)
     elsewhere = np.zeros_like(recording.tracks.place_mm)
     elsewhere[markers] = where - history.surface_mm

@@ -114,7 +114,7 @@ def with_drawn_surface(model: CaseModel) -> CaseModel:
         solid = solids[recording.case.support]
         moved = solid.displacement(recording.loads(recording.patterns))
         response = recording.at_markers(moved)
-        tracks = replace(recording.tracks, unit_displacement=recording.over_time(response))
+        tracks = replace(recording.tracks, unit_displacement=recording.whole(response))
         return replace(recording, solid=solid, moved=moved, response=response, tracks=tracks)
 
     moved_base = PlainModel(case=replace(case, mesh=mesh), solids=solids, grasps=tuple(model.each(again)))

@@ -93,6 +93,6 @@ def _exact(model: CaseModel, theta: Float[np.ndarray, "4"]) -> Quantities:
 
     def moved_under(recording: GraspResponse) -> list[np.ndarray]:
         there = replace(recording, solid=solids[recording.case.support])
-        return [recording.over_time(there.response_to(recording.patterns))]
+        return [recording.whole(there.response_to(recording.patterns))]
 
     return model.each(moved_under)

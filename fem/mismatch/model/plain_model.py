@@ -127,6 +127,15 @@ class GraspResponse:
         """Responses to the first patterns, summed in each frame with the recording's shares."""
         return np.asarray(np.tensordot(self.shares[:, : len(by_pattern)], by_pattern, axes=(1, 0)))
 
+    @property
+    def added(self) -> Float[np.ndarray, "f n 3"]:
+        """What c(t) has beyond the patterns' `response`, mm MPa: a finer mesh, and confirmed effects."""
+        return np.asarray(self.tracks.unit_displacement - self.over_time(self.response))
+
+    def whole(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """c(t) of another law with these responses to all patterns on this mesh."""
+        return np.asarray(self.over_time(by_pattern) + self.added)
+
     def over_all_frames(self, values: Float[np.ndarray, "f ..."]) -> Float[np.ndarray, "t ..."]:
         """Values of the frames used, extended to all frames for laws with a history: zero without contact,
         interpolated in between, constant before the first and after the last known frame.
