@@ -225,7 +225,11 @@ def _limits(
             unknown = "Not known yet; measure a second day."
         elif not law.softens:
             unknown = "Not known yet; no softening is visible."
-        words = "The mean is in this class already." if mean <= math.log(limit) else unknown
+        words = unknown
+        if lower and mean <= math.log(lower):
+            words = "The mean is below this class already."
+        elif mean <= math.log(limit):
+            words = "The mean is in this class already."
         crossed = f"Already; {100 * below:.0f} % of the fruit are at or below this limit."
         tenth_words = crossed if below >= TENTH else unknown
         yield LimitEntry(
