@@ -124,7 +124,11 @@ def read_fruits(
             sentence = f'fruit_id "{fruit_id}" appears on lines {at}; give every fruit its own id.'
             problems.append(Problem(str(path), sentence))
     if not rows and not may_be_empty:
-        problems.append(Problem(str(path), "lists no fruit; add one row per fruit below the header."))
+        sentence = (
+            "lists no fruit; add a row for each fruit below the header, and put its photos/ and grasps/ into "
+            "fruits/<fruit_id>/."
+        )
+        problems.append(Problem(str(path), sentence))
     once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 

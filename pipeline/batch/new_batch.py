@@ -6,8 +6,9 @@ import re
 import shutil
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from itertools import chain
 from pathlib import Path
 
@@ -38,9 +39,9 @@ SHOWN = 5
 """Most ids in one sentence."""
 PARTS = frozenset({"photos", "photos-flipped", "grasps"})
 """Names of subfolders in a fruit's folder."""
-OF_THE_DAY = frozenset(
-    {"harvest_date", "lot", "measured_on", "mismatch", "notes", "pulp_temperature_C", "temperature"}
-)
+STATED = ("lot", "harvest_date", "measured_on")
+"""Settings of the day that the command's options state."""
+OF_THE_DAY = frozenset({*STATED, "mismatch", "notes", "pulp_temperature_C", "temperature"})
 """Settings of the earlier day, which are not copied. Confirmed effects belong to its fruit, or to its sensors
 on that day. [temperature] needs the new day's temperature; `left_out` names it."""
 
@@ -73,8 +74,8 @@ class EarlierBatch:
     root: Path
     settings: Settings
 
-    def written(self, named: dict[str, str]) -> str:
-        """The text of batch.toml, with `named` (category, lot, cultivar) in place of the earlier day's."""
+    def written(self, named: Mapping[str, str | date]) -> str:
+        """The text of batch.toml, with `named` (category, lot, dates) in place of the earlier day's."""
         kept = self.settings.model_dump(mode="json", exclude_unset=True, exclude=set(OF_THE_DAY))
         head = f"# Settings of {self.root.resolve().name}, by drupe new --like. All keys: docs/formats.md\n\n"
         return head + as_toml({**kept, **named})
@@ -103,9 +104,12 @@ class EarlierBatch:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, target)
 
-    def left_out(self, batch: Path) -> Iterator[str]:
+    def left_out(self, batch: Path, stated: Mapping[str, str | date]) -> Iterator[str]:
         """Sentences on settings and files that staff must correct in the new batch."""
         settings = self.settings
+        names = [name for name in STATED if getattr(settings, name) is not None and name not in stated]
+        if names:
+            yield f"{', '.join(names)}: write those of the new day into batch.toml"
         if settings.pulp_temperature_C is not None or settings.temperature is not None:
             table = settings.temperature
             values = {} if table is None else table.model_dump()
@@ -128,13 +132,12 @@ def make_batch(
     root: Path,
     folders: Sequence[Path],
     *,
-    category: str | None = None,
-    lot: str | None = None,
-    cultivar: str | None = None,
+    stated: Mapping[str, str | date | None],
     like: Path | None = None,
 ) -> NewBatch:
     """Creates the batch in `root`, a new or empty folder, with copies of photos, meshes and recordings.
-    `like`: an earlier batch, whose settings it takes except those of the day (OF_THE_DAY).
+    `stated`: settings of the new batch, None where they are not known. `like`: an earlier batch, whose
+    settings it takes except those of the day (OF_THE_DAY).
 
     A folder is one fruit if it holds photos, a mesh or recordings, also in photos/ and grasps/. Otherwise
     each folder in it is one. Raises BatchRefused with every fault before it writes anything, and NotWritten.
@@ -142,7 +145,8 @@ def make_batch(
     earlier = None
     if like is not None:
         earlier = EarlierBatch(root=like, settings=read_settings(BatchFolder(like).settings))
-    category = category or (DEFAULT if earlier is None else earlier.settings.category)
+    category = str(stated.get("category") or (DEFAULT if earlier is None else earlier.settings.category))
+    named = {name: value for name, value in {**stated, "category": category}.items() if value}
     sources = [list(_sources(folder)) if folder.is_dir() else [] for folder in folders]
     fruits = sorted(chain(*sources), key=lambda source: in_order(Path(source.fruit_id)))
     problems = []
@@ -168,13 +172,14 @@ def make_batch(
     target = root.resolve()
     with scratch(near=target) as unfinished:
         try:
-            named = {"category": category, "cultivar": cultivar, "lot": lot}
-            _write(unfinished / "batch", fruits, {k: text for k, text in named.items() if text}, earlier)
+            _write(unfinished / "batch", fruits, named, earlier)
             moved_in(unfinished / "batch", target)
         except OSError as error:
             raise NotWritten(root, error) from error
     mat = BatchFolder(root).mat.is_file()
-    missing = [*_missing(root, fruits, mat=mat), *([] if earlier is None else earlier.left_out(root))]
+    missing = list(_missing(root, fruits, mat=mat))
+    if earlier is not None:
+        missing += earlier.left_out(root, named)
     return NewBatch(root=root, fruits=tuple(fruits), missing=tuple(missing))
 
 
@@ -227,7 +232,10 @@ def _source(folder: Path) -> FruitSource | None:
 
 
 def _write(
-    batch: Path, fruits: Sequence[FruitSource], named: dict[str, str], earlier: EarlierBatch | None
+    batch: Path,
+    fruits: Sequence[FruitSource],
+    named: Mapping[str, str | date],
+    earlier: EarlierBatch | None,
 ) -> None:
     folder = BatchFolder(batch)
     batch.mkdir()
@@ -253,13 +261,13 @@ def _write(
                 shutil.copyfile(path, place / path.name)
 
 
-def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
+def _settings(named: Mapping[str, str | date], earlier: EarlierBatch | None) -> str:
     """The text of batch.toml: the earlier batch's, or the template with the values in `named`."""
     if earlier is not None:
         return earlier.written(named)
     template = TEMPLATE.read_text(encoding="utf-8")
     text = template.format(category=named["category"], known=", ".join(known_categories()))
-    for name in ("cultivar", "lot"):
+    for name in ("cultivar", *STATED):
         if name in named:
             line = f"{name} = {toml_value(named[name])}\n".replace("\\", r"\\")
             text = re.sub(rf"^# {name} = .*\n", line, text, count=1, flags=re.MULTILINE)
@@ -268,6 +276,11 @@ def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
 
 def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterator[str]:
     """Sentences on what grading needs and these folders lack."""
+    if not fruits:
+        yield (
+            f"fruit: for each fruit, put photos/ and grasps/ into {root}/fruits/<fruit_id>, and add a row to "
+            "fruits.csv"
+        )
     photographed = [fruit for fruit in fruits if fruit.photos and not fruit.mesh]
     if photographed and not mat:
         yield (

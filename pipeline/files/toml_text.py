@@ -1,6 +1,7 @@
 """Writes texts, numbers, lists and tables as TOML."""
 
 import re
+from datetime import date
 from typing import Any
 
 
@@ -45,4 +46,4 @@ def toml_value(value: Any) -> str:
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{_key(key)} = {toml_value(entry)}" for key, entry in value.items()) + " }"
-    return repr(value)
+    return value.isoformat() if isinstance(value, date) else repr(value)

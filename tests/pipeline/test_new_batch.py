@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import tomllib
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -175,9 +176,29 @@ def test_a_link_out_of_the_earlier_batch_is_named_and_not_copied(drupe, earlier,
 
 
 def test_lot_and_cultivar_are_in_the_template(drupe, photos, tmp_path):
-    drupe("new", tmp_path / "b", "--photos", photos, "--lot", "H-08", "--cultivar", "Big\\Top", status=0)
+    named = ("--lot", "H-08", "--cultivar", "Big\\Top", "--harvest-date", "2026-08-13")
+    drupe("new", tmp_path / "b", "--photos", photos, *named, status=0)
     written = tomllib.loads((tmp_path / "b" / "batch.toml").read_text("utf-8"))
+    assert written.pop("harvest_date") == date(2026, 8, 13)
     assert written == {"category": "nectarine", "lot": "H-08", "cultivar": "Big\\Top"}
+
+
+def test_the_new_day_s_dates_are_stated_or_asked_for(drupe, earlier, tmp_path):
+    made = drupe("new", tmp_path / "tuesday", "--like", earlier, status=0)
+    assert "missing: lot, measured_on: write those of the new day into batch.toml." in made.out
+    stated = ("--lot", "H-08", "--measured-on", "2026-08-15")
+    made = drupe("new", tmp_path / "wednesday", "--like", earlier, *stated, status=0)
+    assert "measured_on" not in made.out
+    written = tomllib.loads((tmp_path / "wednesday" / "batch.toml").read_text("utf-8"))
+    assert written["measured_on"] == date(2026, 8, 15)
+
+
+def test_a_batch_without_fruit_says_how_to_add_some(drupe, earlier, tmp_path):
+    made = drupe("new", tmp_path / "tuesday", "--like", earlier, status=0)
+    assert f"missing: fruit: for each fruit, put photos/ and grasps/ into {tmp_path / 'tuesday'}" in made.out
+    assert "next: add fruit, then run `drupe check" in made.out
+    checked = drupe("check", tmp_path / "tuesday", status=2)
+    assert "lists no fruit; add a row for each fruit below the header, and put its photos/ and" in checked.out
 
 
 def test_pictures_that_are_not_copied_are_named(drupe, photos, tmp_path):
