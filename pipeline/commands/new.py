@@ -12,6 +12,7 @@ from pipeline.safe_start import elsewhere
 
 DAY = "%Y-%m-%d"
 
+
 def new(
     folder: Annotated[Path, Argument(metavar="DIR", help="The folder for the new batch.")],
     photos: Annotated[
