@@ -30,7 +30,8 @@ PER_POINT = ("tips", "y_ends", "y_sd")
 
 def layer(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
     """Marks, a line or an area through the finite points, rounded: a pixel is a thousandth of the chart.
-    `how`: colour, name, shape, `dashed`, `faint`, and lists with one entry per given point (PER_POINT).
+    `how`: colour, name, shape, `dashed`, `faint` (hollow marks), and lists with one entry per given point
+    (PER_POINT).
     """
     places = np.column_stack([np.fromiter(x, float), np.fromiter(y, float)])
     finite = np.isfinite(places).all(axis=1)

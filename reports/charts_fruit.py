@@ -166,7 +166,7 @@ def _frames(fruit: FruitEntry) -> Chart:
         "title": say("Modulus by frame"),
         "description": "; ".join(ranges),
         "caption": say(
-            "E from each single frame (faint: during opening). A trend up to the largest travel shows "
+            "E from each single frame (hollow: during opening). A trend up to the largest travel shows "
             "physics that the model misses. Grey: the fruit's value ± its standard deviation"
         ),
         "x": {"label": say("travel since first touch (mm)"), "limits": across},

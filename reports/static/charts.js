@@ -50,21 +50,21 @@ const charts = (function () {
       pen.globalAlpha = layer.faint ? 0.22 : 1;
       pen.fill();
     },
-    marks(pen, layer, X, Y, box, px) {
-      pen.globalAlpha = layer.faint ? 0.22 : 1;
-      const many = layer.x.length > 60, size = (many ? 2.4 : 3.6) * px, solid = pen.globalAlpha;
+    marks(pen, layer, X, Y, box, px) { // faint ones are hollow, so that their colour keeps its contrast
+      const many = layer.x.length > 60, size = (many ? 2.4 : 3.6) * px;
       layer.x.forEach((x, k) => {
-        pen.globalAlpha = many ? 0.4 * solid : solid;
+        pen.globalAlpha = (many ? 0.4 : 1) * (layer.faint ? 0.4 : 1);
         const [at, up] = [X(x), Y(layer.y[k])];
         if (layer.y_sd && layer.y_sd[k]) path(pen, [[at, Y(layer.y[k] - layer.y_sd[k])], [at, Y(layer.y[k] + layer.y_sd[k])]]);
         if (layer.y_ends) path(pen, layer.y_ends[k].map((end) => [at, Y(end)]));
         pen.stroke();
-        pen.globalAlpha = solid;
+        pen.globalAlpha = 1;
         pen.beginPath();
         if (layer.shape in SHAPES) path(pen, SHAPES[layer.shape].map(([right, below]) => [at + size * right, up + size * below]));
         else pen.arc(at, up, size, 0, 2 * Math.PI);
         pen.closePath();
-        pen.fill();
+        if (layer.faint) pen.stroke();
+        else pen.fill();
         pen.beginPath();
       });
     },

@@ -5,6 +5,7 @@ from datetime import UTC, date, datetime, timedelta
 import numpy as np
 import pytest
 from browser import chromium
+from test_charts import contrast, palette
 
 from reports.history_entries import (
     AcceptanceEntry,
@@ -33,6 +34,20 @@ CanvasRenderingContext2D.prototype.fillText = function (words, x, y, ...most) {
   return draw.call(this, words, x, y, ...most);
 };"""
 """Keeps all words that charts write: left and right end, height, and the width of the canvas."""
+ROUND = """
+window.round = [];
+const pen = CanvasRenderingContext2D.prototype;
+for (const name of ["beginPath", "arc", "fill", "stroke"]) {
+  const draw = pen[name];
+  pen[name] = function (...all) {
+    if (name === "beginPath") this.isRound = false;
+    if (name === "arc") this.isRound = true;
+    if (this.isRound && name in { fill: 1, stroke: 1 })
+      window.round.push([this.globalAlpha, this[`${name}Style`]]);
+    return draw.apply(this, all);
+  };
+}"""
+"""Keeps opacity and colour of every round mark."""
 CUT = """() => [...document.querySelectorAll(".stacked, .stacked :is(th, td)")]
   .filter((part) => part.offsetParent && part.scrollWidth > part.clientWidth + 1)
   .map((part) => part.outerHTML)"""
@@ -110,7 +125,7 @@ def shown(history, tmp_path):
             path = tmp_path / "history.html"
             path.write_text(history_html(history), encoding="utf-8")
             page = browser.new_context(offline=True, **context).new_page()
-            page.add_init_script(WRITTEN)
+            page.add_init_script(WRITTEN + ROUND)
             page.set_default_timeout(TIMEOUT_MS)
             page.on("console", lambda message: complaints.append(message.text))
             page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -147,6 +162,18 @@ def test_axe_finds_nothing_and_cells_are_whole(shown, width, scheme):
     assert [(v["id"], v["nodes"][0]["html"][:120]) for v in audit.response["violations"]] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate(CUT) == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_single_fruit_stand_out_from_the_page(shown, scheme):
+    """WCAG 2.2: contrast of at least 3 for graphics."""
+    page = shown(color_scheme=scheme)
+    paper = palette(scheme)["paper"]
+    marks = page.evaluate("window.round")
+    assert len(marks) >= 2 * 2 * 9  # two lots, two days, nine fruit
+    for opacity, colour in marks:
+        assert opacity == 1.0
+        assert contrast(colour.lstrip("#"), paper) > 3.0, colour
 
 
 def test_the_days_of_a_lot_need_no_scrolling_on_a_phone(shown):
