@@ -5,16 +5,21 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
-from drupe.refusal import DrupeError
+from drupe.refusal import DrupeError, refusals
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.exit_status import DONE, DOUBTED, UNUSABLE
 from pipeline.files.manifest import json_in
+from recon.surface.mesh_file import read_mesh
+from recon.surface.orientation import to_fruit_frame
 from reports.tables import RANKING_COLUMNS
 
+Triangles: TypeAlias = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 WHOLE = ("rank", "grasps", "rank_low", "rank_high")
 REAL = (
     "E_MPa", "E_sd_MPa", "E_scale_sd_MPa", "E_uncorrected_MPa", "maturity_probability", "p_softer_than_next",
@@ -48,6 +53,28 @@ class GradedBatch:
         if not isinstance(held, dict):
             raise DrupeError(f"{path}: found no readable record, expected that of drupe grade; grade again")
         return held
+
+    def surfaces(
+        self, fruit_id: str, *, frame: Literal["fruit", "mat"] = "fruit"
+    ) -> tuple[Triangles, Triangles | Literal["none"]]:
+        """The arguments `mesh` and `pit` of `modulus`: vertices (n, 3) in mm and triangles (m, 3) of the skin
+        and of the pit, or "none" for a body without a pit.
+
+        `frame`: that of the recordings' poses, the mat's if they name it. Raises DrupeError for an unknown
+        fruit or frame, and for a fruit without a mesh.
+        """
+        if frame not in ("fruit", "mat"):
+            raise DrupeError(f'frame: found "{frame}", expected "fruit" or "mat"')
+        mesh, files = self.record(fruit_id).get("mesh"), Results(self.folder).fruit(fruit_id)
+        if mesh is None or not files.fruit_ply.is_file():
+            raise DrupeError(f"{fruit_id}: found no mesh in {files.root}, expected a fruit graded with one")
+        with refusals():
+            skin = read_mesh(files.fruit_ply)
+            pit = read_mesh(files.pit_ply) if files.pit_ply.is_file() else None
+        shift = np.zeros(3)
+        if frame == "fruit" and mesh["source"] == "photos":
+            shift = to_fruit_frame(skin[0])[1][:3, 3]
+        return (skin[0] + shift, skin[1]), "none" if pit is None else (pit[0] + shift, pit[1])
 
 
 def read(out: str | Path) -> GradedBatch:

@@ -161,7 +161,9 @@ def write_recording(path: str | Path, held: Recording) -> None:
 def read_recording(path: str | Path) -> Recording:
     """The recording in an .h5 file. Raises DrupeError, which names the file, the field and the fault.
 
-    `drupe convert` writes such files from other formats.
+    `drupe convert` writes such files from other formats. `time_s`, `aperture_mm` and `pads` of the recording,
+    and `name`, `rest_mm`, `displacement_mm`, `force_N` and `pose` of a pad, are the arrays that `recording`
+    takes.
     """
     with refusals():
         return read_h5(Path(path))

@@ -107,9 +107,9 @@ class EarlierBatch:
     def left_out(self, batch: Path, stated: Mapping[str, str | date]) -> Iterator[str]:
         """Sentences on settings and files that staff must correct in the new batch."""
         settings = self.settings
-        names = [name for name in STATED if getattr(settings, name) is not None and name not in stated]
-        if names:
-            yield f"{', '.join(names)}: write those of the new day into batch.toml"
+        lacking = [name for name in STATED if getattr(settings, name) is not None and name not in stated]
+        if lacking:
+            yield f"{', '.join(lacking)}: write those of the new day into batch.toml"
         if settings.pulp_temperature_C is not None or settings.temperature is not None:
             table = settings.temperature
             values = {} if table is None else table.model_dump()

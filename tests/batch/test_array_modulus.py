@@ -2,17 +2,18 @@
 
 import json
 import re
+import shutil
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball
-from sample_batches import SETTINGS, drupe, ready_batch
+from sample_batches import SETTINGS, SHIPPED, drupe, ready_batch
 
 from drupe import grade, modulus, read, read_recording
 from drupe.refusal import DrupeError
-from recon.surface.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh, write_mesh
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 FRAME_S = 0.02
@@ -60,6 +61,49 @@ def test_the_table_is_that_of_the_results_with_types_and_provenance(graded):
     assert batch.provenance["inputs"][f"fruits/{fruit_id}/fruit.ply"]
     with pytest.raises(DrupeError, match='fruit_id: found "X", expected a fruit of the batch'):
         batch.record("X")
+
+
+def test_surfaces_of_photos_are_in_the_frame_of_the_poses(graded, tmp_path):
+    """As photos on a mat give them: the meshes are where the fruit stood, 200 mm from the mat's middle."""
+    results = tmp_path / "results"
+    shutil.copytree(graded / "results", results)
+    (folder,) = (results / "fruits").iterdir()
+    record = json.loads((folder / "record.json").read_text())
+    record["mesh"]["source"] = "photos"
+    (folder / "record.json").write_text(json.dumps(record))
+    (skin, faces), (pit, pit_faces) = read_mesh(folder / "fruit.ply"), read_mesh(folder / "pit.ply")
+    away_mm = np.array([200.0, 0.0, 0.0])
+    write_mesh(folder / "fruit.ply", skin + away_mm, faces)
+    write_mesh(folder / "pit.ply", pit + away_mm, pit_faces)
+    (on_mat, _), _ = read(results).surfaces(folder.name, frame="mat")
+    assert on_mat == pytest.approx(skin + away_mm, abs=1e-4)
+    (placed, _), (placed_pit, _) = read(results).surfaces(folder.name)
+    assert placed.max(axis=0)[:2] + placed.min(axis=0)[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert placed[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert placed_pit.mean(axis=0) - placed.mean(axis=0) == pytest.approx(
+        pit.mean(axis=0) - skin.mean(axis=0), abs=1e-4
+    )
+    for given, said in (({"fruit_id": "X"}, "expected a fruit"), ({"frame": "robot"}, 'found "robot"')):
+        with pytest.raises(DrupeError, match=said):
+            read(results).surfaces(**{"fruit_id": folder.name, **given})
+    (folder / "fruit.ply").unlink()
+    with pytest.raises(DrupeError, match=r"found no mesh in .*, expected a fruit graded with one"):
+        read(results).surfaces(folder.name)
+
+
+@pytest.mark.slow
+def test_the_page_s_ten_lines_give_the_true_modulus_of_the_sample(graded, tmp_path, monkeypatch, capsys):
+    (tmp_path / "sample-results").symlink_to(graded / "results")
+    (tmp_path / "samples").symlink_to(SHIPPED.parents[1])
+    (block,) = re.findall(r"<!-- sample -->\n```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    assert len(block.splitlines()) <= 10
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(block, PAGE.name, "exec"), names)
+    true_MPa = json.loads((SHIPPED / "answers.json").read_text())["fruits"]["N01"]["E_MPa"]
+    low, high = names["found"].interval_90_MPa
+    assert low < true_MPa < high
+    assert capsys.readouterr().out == f"E = {names['found'].E_MPa:.3f} ± {names['found'].E_sd_MPa:.3f} MPa\n"
 
 
 def test_grading_a_graded_batch_from_python_gives_the_same_table(graded):
