@@ -5,6 +5,7 @@ import pipeline.safe_start  # noqa: F401 - first of all: the current folder may 
 # isort: split
 import errno
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -47,6 +48,9 @@ from pipeline.problem import BatchRefused, plain_message
 from reports.language import ENGLISH, of_environment, spoken
 from reports.messages import message
 
+CLOCK = re.compile(r"^\s*\[[\d:]+\] ")
+"""The time since the start before a line of progress."""
+
 
 class _Translated:
     """A stream that translates each line written to it to `language`, if a catalogue has the line."""
@@ -79,8 +83,12 @@ def in_language_of_locale() -> Iterator[None]:
 
 
 def _translated(line: str) -> str:
-    """The translated line; its indent and its end are not part of the sentence and stay."""
-    text = line.strip()
+    """The translated line; its indent, the time before it and its end are not part of the sentence and stay.
+
+    >>> _translated("  [01:32] wrote a.csv\\n")
+    '  [01:32] wrote a.csv\\n'
+    """
+    text = CLOCK.sub("", line).strip()
     return line.replace(text, message(text), 1) if text else line
 
 

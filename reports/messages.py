@@ -26,6 +26,10 @@ _FIELD = re.compile(r"(?:\{\d\})+")
 _FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+(?:\.\d+)?)?%?")
 MOST_NAME = 300
 """Most characters before a colon that may name a recording or a file."""
+_CONJUNCTIONS = frozenset({"and", "of", "or", "times"})
+"""Words that do not tell drupe's sentence from a person's."""
+_OWN_TEXT = frozenset({"Notes"})
+"""Facts whose words a person wrote."""
 _VERBATIM = re.compile(r'(?<=[`"])\{(\d)\}(?=[`"])')
 """A placeholder in quotes or backticks. Its text is a name or a key of a file, which nobody may translate."""
 SENTENCES: Mapping[type, tuple[str, ...]] = {
@@ -70,6 +74,8 @@ def _translated(said: Any) -> Any:
     """
     if isinstance(said, str):
         return message(said)
+    if isinstance(said, tuple) and said and isinstance(said[0], str) and said[0] in _OWN_TEXT:
+        return (message(said[0]), *said[1:])
     if isinstance(said, tuple):
         return tuple(map(_translated, said))
     if isinstance(said, Mapping):
@@ -152,9 +158,13 @@ def _templates(language: str) -> tuple[_Template, ...]:
 
 
 def _pattern(english: str) -> re.Pattern[str]:
-    """Pattern of the texts that fit a template; of adjacent fields, the first takes all."""
+    """Pattern of the texts that fit a template; of adjacent fields, the first takes all. A template without a
+    word but conjunctions takes only figures.
+    """
     pieces = re.split(r"\{(\d)\}(?:\{\d\})*", english)
-    names = (f"(?P<f{number}>.*?)" for number in pieces[1::2])
+    words = {*re.findall(r"[^\W\d_]{2,}", " ".join(pieces[0::2]))}
+    what = r"[-+]?\d[\d.]*" if words <= _CONJUNCTIONS else ".*?"
+    names = (f"(?P<f{number}>{what})" for number in pieces[1::2])
     text = map(re.escape, pieces[0::2])
     return re.compile(
         "".join(piece + name for piece, name in zip_longest(text, names, fillvalue="")), re.DOTALL

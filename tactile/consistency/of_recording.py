@@ -341,13 +341,14 @@ def _named(failing: Sequence[Misfit], ties: Sequence[_Comparison]) -> Finding:
     shown = max(failing, key=lambda misfit: improvement.get((misfit.kind, misfit.pads, misfit.field), 0.0))
     others = [comparison.transformation for comparison in ties]
     causes = list({(t.kind, t.field, t.detail): t.cause for t in reversed(others)}.values())[::-1]
-    listed = "; or ".join(causes)
+    first = f"Cause: {causes[0]}" if len(causes) == 1 else f"Possible cause: {causes[0]}"
+    listed = ". Another possible cause: ".join([first, *causes[1:]])
     weights = np.exp([comparison.log_factor - ties[0].log_factor for comparison in ties])
     sds = np.nan_to_num([t.relative_sd for t in others], nan=shown.relative_sd)
     same = [t for t in others if t.kind is best.kind]
     return doubted(
         best.kind,
-        f"{shown.says}. {'Cause' if len(causes) == 1 else 'Possible causes'}: {listed}",
+        f"{shown.says}. {listed}",
         relative_sd=float(np.sqrt(weights @ sds**2 / weights.sum())),
         pads=best.pads,
         field=best.field if len({t.field for t in same}) == 1 else None,
