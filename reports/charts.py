@@ -15,13 +15,13 @@ import numpy as np
 from markupsafe import Markup
 
 from reports.entries import ReferenceBodyEntry
-from reports.language import say
+from reports.language import decimals, say
+from reports.messages import message
 
 Chart = dict[str, Any]
 """A chart for static/charts.js: title, description, caption, axes and layers."""
 MOST_BATCHES = 60
 """A control chart shows at most this many batches; marks of more would overlap."""
-UNKNOWN_LOT = "unknown"
 EPOCH = date(1970, 1, 1)
 """Day zero of uPlot's axes with dates, as in Unix time."""
 PER_POINT = ("tips", "y_ends", "y_sd")
@@ -115,8 +115,13 @@ def control_chart(body: ReferenceBodyEntry) -> Chart:
     sds = np.array([point.sd / point.ratio for point in points])
     ends = [math.exp(way * 3 * sd) for sd in sds for way in (-1, 1)]
     tips = [
-        f"{point.time_utc:%Y-%m-%d %H:%M} UTC, lot {point.lot or UNKNOWN_LOT}: {point.ratio:.3f} "
-        f"({math.log(point.ratio) / sd:+.1f} sd)"
+        say(
+            "{day} UTC, lot {lot}: {ratio} ({deviation} sd)",
+            day=f"{point.time_utc:%Y-%m-%d %H:%M}",
+            lot=point.lot or say("unknown"),
+            ratio=decimals(f"{point.ratio:.3f}"),
+            deviation=decimals(f"{math.log(point.ratio) / sd:+.1f}"),
+        )
         for point, sd in zip(points, sds, strict=True)
     ]
     limits = [
@@ -126,14 +131,17 @@ def control_chart(body: ReferenceBodyEntry) -> Chart:
         shape: [k for k, point in enumerate(points) if (abs(math.log(point.ratio)) > 3 * sds[k]) == beyond]
         for shape, beyond in (("circle", False), ("diamond", True))
     }
-    last_ratios = ", ".join(f"{point.time_utc:%Y-%m-%d} {point.ratio:.3f}" for point in points[-10:])
+    last_ratios = "; ".join(
+        f"{point.time_utc:%Y-%m-%d} {decimals(f'{point.ratio:.3f}')}" for point in points[-10:]
+    )
+    name = message(body.fruit_id)
     return {
-        "title": f"Control chart of {body.fruit_id}",
-        "description": f"E found over E known of the last batches: {last_ratios}",
+        "title": say("Control chart of {body}", body=name),
+        "description": say("E found over E known of the last batches: {ratios}", ratios=last_ratios),
         "caption": say(
             "Control chart of {body}. Each mark is a batch; dashed lines are at 2 and 3 of its standard "
             "deviations from 1",
-            body=body.fruit_id,
+            body=name,
         ),
         "x": {"label": "", "limits": day_limits(days), "dates": True},
         "y": {

@@ -21,7 +21,7 @@ from reports.explain_charts import evidence_bars, force_and_residual, modulus_ov
 from reports.explain_entries import ExplainEntry, Record
 from reports.html_templates import charted_page
 from reports.language import ENGLISH, decimals, say, spoken
-from reports.messages import in_language, message
+from reports.messages import in_language
 from reports.skin_picture import BLIND_BELOW, MapStyle, coloured, map_picture
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
@@ -49,7 +49,6 @@ def _page(entry: ExplainEntry) -> str:
     return charted_page(
         "explain",
         title=say(TITLE),
-        message=message,
         interval=_interval,
         heldout=_heldout,
         modulus=_modulus,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from reports.charts import Chart, band, day_limits, day_number, layer, padded, rounded, rules
 from reports.history_entries import AcceptanceEntry, FirmnessEntry, GroupEntry, SeriesEntry
+from reports.language import decimals, fruit_count, say
 from reports.palette import class_marks
 from reports.words import number
 
@@ -13,8 +16,10 @@ _MOST_SINGLE = 400
 """Most single fruit drawn per day: marks of more would overlap."""
 
 
-def softening_chart(series: SeriesEntry) -> Chart:
-    """Single fruit, daily means with 90 % intervals, the fitted law with its band, dashed class limits."""
+def softening_chart(series: SeriesEntry, name: str) -> Chart:
+    """Single fruit, daily means with 90 % intervals, the fitted law with its band, dashed class limits.
+    `name`: the lot's.
+    """
     first = day_number(series.days[0].day)
     law, days = series.softening, series.days
     single = [(day_number(day.day), E) for day in days for E in day.single_E_MPa[:_MOST_SINGLE]]
@@ -40,40 +45,49 @@ def softening_chart(series: SeriesEntry) -> Chart:
             shape="diamond",
             y_ends=[rounded((day.E_low_MPa, day.E_high_MPa)) for day in days],
             tips=[
-                f"{day.day}: geometric mean {number(day.E_MPa)} MPa ({number(day.E_low_MPa)} to "
-                f"{number(day.E_high_MPa)}, 90 %) of {day.fruit} fruit"
+                say(
+                    "{day}: geometric mean {E} MPa ({low} to {high}, 90 %) of {count} fruit",
+                    day=day.day,
+                    E=number(day.E_MPa),
+                    low=number(day.E_low_MPa),
+                    high=number(day.E_high_MPa),
+                    count=day.fruit,
+                )
                 for day in days
             ],
         )
     )
-    last = "; ".join(f"{day.day} {number(day.E_MPa)} MPa of {day.fruit} fruit" for day in days[-10:])
+    last = "; ".join(f"{day.day} {number(day.E_MPa)} MPa ({fruit_count(day.fruit)})" for day in days[-10:])
     return {
-        "title": f"Modulus over days, {series.name}",
-        "description": f"Geometric means of the last days: {last}",
+        "title": say("Modulus over days, {lot}", lot=name),
+        "description": say("Geometric means of the last days: {means}", means=last),
         "x": {"label": "", "limits": day_limits([*at_days, *along]), "dates": True},
-        "y": {"label": "E, modulus of the flesh (MPa)", "limits": (max(low, 0.0), high)},
+        "y": {"label": say("E, modulus of the flesh (MPa)"), "limits": (max(low, 0.0), high)},
         "layers": layers,
     }
 
 
-def lots_chart(group: GroupEntry) -> Chart:
-    """Daily geometric means of every lot of a cultivar; each lot has a line, a colour and a shape."""
+def lots_chart(group: GroupEntry, *, named: Callable[[str], str]) -> Chart:
+    """Daily geometric means of every lot of a cultivar; each lot has a line, a colour and a shape. `named`:
+    a lot's or group's name in the language in force.
+    """
     marks = class_marks(tuple(lot.name for lot in group.series))
     layers = []
     for lot in group.series:
         colour, shape = marks[lot.name]
         means = [day_number(day.day) for day in lot.days], [day.E_MPa for day in lot.days]
         layers.append(layer("line", *means, colour=colour))
-        layers.append(layer("marks", *means, colour=colour, shape=shape, name=lot.lot or "without a lot"))
+        name = lot.lot or say("without a lot")
+        layers.append(layer("marks", *means, colour=colour, shape=shape, name=name))
     last = "; ".join(
-        f"{lot.name}: {number(lot.days[-1].E_MPa)} MPa on {lot.days[-1].day}" for lot in group.series
+        f"{named(lot.name)}: {lot.days[-1].day} {number(lot.days[-1].E_MPa)} MPa" for lot in group.series
     )
     return {
-        "title": f"Lots of {group.name} over days",
-        "description": f"Geometric means of the last days: {last}",
+        "title": say("Lots of {group} over days", group=named(group.name)),
+        "description": say("Geometric means of the last days: {means}", means=last),
         "x": {"label": "", "limits": day_limits(x for each in layers for x in each["x"]), "dates": True},
         "y": {
-            "label": "E, geometric mean (MPa)",
+            "label": say("E, geometric mean (MPa)"),
             "limits": padded((y for each in layers for y in each["y"]), from_zero=True),
         },
         "layers": layers,
@@ -85,13 +99,16 @@ def characteristic_chart(plan: AcceptanceEntry) -> Chart:
     for this lot. A dashed vertical line marks the AQL.
     """
     percent, *probabilities = plan.curve.T
-    styles = ({"colour": "pad0", "name": "lots of a long series"}, {"colour": "noise", "name": "one lot"})
+    styles = (
+        {"colour": "pad0", "name": say("lots of a long series")},
+        {"colour": "noise", "name": say("one lot")},
+    )
     return {
-        "title": "Operating characteristic",
+        "title": say("Operating characteristic"),
         "description": f"{plan.words}. {plan.risks}.",
-        "caption": f"The dashed line is the AQL, {plan.aql:g} %.",
-        "x": {"label": "Nonconforming fruit (%)", "limits": padded(percent, from_zero=True)},
-        "y": {"label": "Probability of acceptance", "limits": (0.0, 1.0)},
+        "caption": say("The dashed line is the AQL, {aql} %.", aql=decimals(f"{plan.aql:g}")),
+        "x": {"label": say("Nonconforming fruit (%)"), "limits": padded(percent, from_zero=True)},
+        "y": {"label": say("Probability of acceptance"), "limits": (0.0, 1.0)},
         "layers": [
             rules("x", [plan.aql]),
             *(
@@ -102,17 +119,19 @@ def characteristic_chart(plan: AcceptanceEntry) -> Chart:
     }
 
 
-def firmness_chart(relation: FirmnessEntry) -> Chart:
-    """Readings of single fruit over E, the fitted line, and the band that holds 90 % of further fruit."""
+def firmness_chart(relation: FirmnessEntry, name: str) -> Chart:
+    """Readings of single fruit over E, the fitted line, and the band that holds 90 % of further fruit.
+    `name`: the cultivar and the plunger.
+    """
     highest = [] if relation.line is None else [*relation.line[:, 3]]
     layers = [layer("marks", relation.E_MPa, relation.reading_N, colour="noise")]
     if relation.line is not None:
         E, line, low, high = relation.line.T
         layers = [band(E, low, high), layer("line", E, line, colour="pad0"), *layers]
     return {
-        "title": f"Readings against E, {relation.title}",
+        "title": say("Readings against E, {name}", name=name),
         "description": relation.words,
-        "x": {"label": "E, modulus of the flesh (MPa)", "limits": padded(relation.E_MPa)},
-        "y": {"label": "Reading (N)", "limits": padded([*relation.reading_N, *highest], from_zero=True)},
+        "x": {"label": say("E, modulus of the flesh (MPa)"), "limits": padded(relation.E_MPa)},
+        "y": {"label": say("Reading (N)"), "limits": padded([*relation.reading_N, *highest], from_zero=True)},
         "layers": layers,
     }

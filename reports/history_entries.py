@@ -87,6 +87,11 @@ class SeriesEntry:
     notes: tuple[str, ...] = ()
 
     @property
+    def group(self) -> str:
+        """Category and cultivar."""
+        return " ".join(filter(None, (self.category, self.cultivar)))
+
+    @property
     def name(self) -> str:
         """The lot's name in headings.
 
@@ -94,7 +99,7 @@ class SeriesEntry:
         'plum, lot 7'
         """
         lot = f"lot {self.lot}" if self.lot else "without a lot"
-        return f"{' '.join(filter(None, (self.category, self.cultivar)))}, {lot}"
+        return f"{self.group}, {lot}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from reports.charts import PlacedCharts
-from reports.language import fruit_count, language_in_force, say, say_html
-from reports.words import duration, effect_name, number, percent, share, verdict_words, with_sd
+from reports.language import decimals, fruit_count, language_in_force, say, say_html
+from reports.messages import message
+from reports.words import category_name, duration, effect_name, number, percent, share, verdict_words, with_sd
 
 CHARTS = ("uplot.js", "charts.js")
 """Scripts of a page with charts: the library uPlot (MIT, 51 kB), and drupe's script that draws with it."""
@@ -34,6 +35,8 @@ def _environment(language: str) -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
+        "category": category_name,
+        "decimals": decimals,
         "duration": duration,
         "effect": effect_name,
         "number": number,
@@ -44,6 +47,7 @@ def _environment(language: str) -> Environment:
     }
     environment.globals |= {
         "language": language,
+        "message": message,
         "say": say,
         "say_html": say_html,
         "fruit_count": fruit_count,

@@ -19,6 +19,18 @@ from typing import Any, NamedTuple, TypeVar
 
 from reports.entries import BatchEntry, FruitEntry, ReferenceEntry, ScreenEntry, Suspect
 from reports.explain_entries import EffectEntry, ExplainEntry
+from reports.history_entries import (
+    AcceptanceEntry,
+    FirmnessEntry,
+    GaugeEntry,
+    GroupEntry,
+    HistoryEntry,
+    LimitEntry,
+    LotDecisionEntry,
+    ObjectiveSampleEntry,
+    QualityEntry,
+    SeriesEntry,
+)
 from reports.language import ENGLISH, decimals, language_in_force, say, words_of
 
 _FIELD = re.compile(r"(?:\{\d\})+")
@@ -43,10 +55,20 @@ SENTENCES: Mapping[type, tuple[str, ...]] = {
         *("effects", "parameter_words", "facts"),
     ),
     EffectEntry: ("short", "meaning", "advice"),
+    HistoryEntry: ("series", "alarms", "groups", "comparisons", "gauges", "quality"),
+    SeriesEntry: ("softening_words", "limits", "notes"),
+    LimitEntry: ("words", "tenth_words"),
+    GroupEntry: ("words",),
+    GaugeEntry: ("words", "components"),
+    QualityEntry: ("plans", "samples", "firmness"),
+    AcceptanceEntry: ("words", "risks", "decisions", "refusals"),
+    LotDecisionEntry: ("verdict", "words"),
+    ObjectiveSampleEntry: ("words",),
+    FirmnessEntry: ("title", "words"),
 }
 """Fields of report records that hold sentences of other packages, or records with such sentences."""
 _BETWEEN_NAMES = re.compile("(, | with | or | and )")
-_Entry = TypeVar("_Entry", BatchEntry, ExplainEntry)
+_Entry = TypeVar("_Entry", BatchEntry, ExplainEntry, HistoryEntry)
 
 
 class _Template(NamedTuple):

@@ -43,6 +43,7 @@ from reports.tables import ranking_csv
 from reports.words import (
     NO_BREAK,
     advice,
+    category_name,
     duration,
     effect_name,
     number,
@@ -207,7 +208,7 @@ def _screened(fruit: FruitEntry) -> str:
 def _about(batch: BatchEntry) -> list[tuple[str, str]]:
     pulp_C = batch.pulp_temperature_C
     known = (
-        (say("category"), batch.category),
+        (say("category"), category_name(batch.category)),
         (say("cultivar"), batch.cultivar),
         (say("lot"), batch.lot),
         (say("packer"), batch.packer),

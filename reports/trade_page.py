@@ -11,6 +11,8 @@ import numpy as np
 
 from reports.charts import Chart, layer, padded
 from reports.html_templates import charted_page
+from reports.language import ENGLISH, decimals, say, spoken
+from reports.messages import message
 
 Test: TypeAlias = Any
 """A TradeTest of fem/firmness/trade_tests.py; this package imports nothing from fem."""
@@ -56,21 +58,30 @@ def trade_html(
     made_utc: datetime,
     graded_utc: str,
     folder: str,
+    language: str = ENGLISH,
 ) -> str:
     """The whole page; the same content gives the same text. It escapes all text of the batch.
 
-    `graded_utc`: when the grading ended; `folder`: the results' folder.
+    `graded_utc`: when the grading ended; `folder`: the results' folder; `language`: one of
+    reports.language.LANGUAGES.
     """
-    return charted_page(
-        "trade",
-        charts=[size_chart(test, sizes) for test in tests],
-        tests=tests,
-        fruit=fruit,
-        sizes=sizes,
-        made=f"{made_utc:%Y-%m-%d %H:%M} UTC",
-        graded=graded_utc.replace("T", " ").replace("Z", " UTC") or "–",
-        folder=folder,
-    )
+    with spoken(language):
+        return charted_page(
+            "trade",
+            charts=[size_chart(test, sizes) for test in tests],
+            tests=tests,
+            titles={test.name: message(test.title) for test in tests},
+            fruit=fruit,
+            sizes=sizes,
+            pit_words=_pit_words,
+            made=f"{made_utc:%Y-%m-%d %H:%M} UTC",
+            graded=graded_utc.replace("T", " ").replace("Z", " UTC") or "–",
+            folder=folder,
+        )
+
+
+def _pit_words(share: float) -> str:
+    return say("no pit") if share == 0 else f"{message('pit')} {decimals(f'{share:.2g}')}"
 
 
 def size_chart(test: Test, sizes: SizeEffect) -> Chart:
@@ -78,19 +89,20 @@ def size_chart(test: Test, sizes: SizeEffect) -> Chart:
     values = np.array(sizes.values[test.name], dtype=float)
     diameters = np.array(sizes.diameters_mm, dtype=float)
     shown = np.isfinite(values)
-    pits = ["no pit" if share == 0 else f"pit {share:.2g}" for share in sizes.pit_shares]
+    pits = [_pit_words(share) for share in sizes.pit_shares]
+    title, out_of_reach = message(test.title), say("out of reach")
     ends = "; ".join(
-        f"{pit}: {line[there][0]:.3g} to {line[there][-1]:.3g} {test.unit}"
+        f"{pit}: {_range(line[there])} {test.unit}"
         for pit, line, there in zip(pits, values, shown, strict=True)
         if there.any()
     )
     reached = diameters[shown.any(axis=0)] if shown.any() else diameters
-    only = ": no pit, large fruit" if test.under_ball else ""
+    only = f": {say('no pit, large fruit')}" if test.under_ball else ""
     return {
-        "title": test.title,
-        "description": f"From {reached[0]:g} to {reached[-1]:g} mm at one E: {ends or 'out of reach'}",
-        "caption": f"{test.title} ({test.unit}){only}{'' if shown.any() else ': out of reach'}",
-        "x": {"label": "Diameter (mm)", "limits": padded(diameters)},
+        "title": title,
+        "description": f"{_range(reached)} mm: {ends or out_of_reach}",
+        "caption": f"{title} ({test.unit}){only}{'' if shown.any() else f': {out_of_reach}'}",
+        "x": {"label": say("Diameter (mm)"), "limits": padded(diameters)},
         "y": {"label": test.unit, "limits": padded(values[shown], from_zero=True)},
         "layers": [
             layer("line", diameters, line, colour=COLOURS[k], name=pits[k])
@@ -98,3 +110,8 @@ def size_chart(test: Test, sizes: SizeEffect) -> Chart:
             if shown[k].any()
         ],
     }
+
+
+def _range(values: np.ndarray) -> str:
+    low, high = (decimals(f"{value:.3g}") for value in (values[0], values[-1]))
+    return say("{low} to {high}", low=low, high=high)

@@ -13,6 +13,8 @@ from reports.messages import message
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
+CATEGORIES = ("apricot", "cherry", "nectarine", "peach", "phantom", "plum")
+"""Shipped kinds of fruit. A user's own has the name of its file."""
 NOTHING, UNEXPLAINED = "none", "unknown"
 """The two verdicts that name no effect: no mismatch, and a mismatch that no known effect explains."""
 SMALLEST_P = 0.001
@@ -184,6 +186,11 @@ def effect_name(effect: str) -> str:
     alternatives = (pair.split("+") for pair in effect.split(OR))
     pairs = (say(" with ").join(message(name.replace("_", " ")) for name in pair) for pair in alternatives)
     return say(" or ").join(pairs)
+
+
+def category_name(category: str) -> str:
+    """A shipped kind of fruit in the language in force; another name as it is."""
+    return say(category) if category in CATEGORIES else category
 
 
 def number(value: float | None, *, figures: int = 3) -> str:

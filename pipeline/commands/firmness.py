@@ -6,7 +6,12 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from pipeline.commands.shared_options import MovedBatchOption, ResultsArgument, chosen_language
+from pipeline.commands.shared_options import (
+    LanguageOption,
+    MovedBatchOption,
+    ResultsArgument,
+    chosen_language,
+)
 from pipeline.problem import refused
 from pipeline.safe_start import elsewhere
 
@@ -28,14 +33,15 @@ def firmness(
             help="A limit in a test's unit: drupe states the E at which these fruit read it. Repeatable.",
         ),
     ] = None,
+    lang: LanguageOption = None,
     batch: MovedBatchOption = None,
 ) -> None:
     """Simulate standard firmness tests on each graded fruit: plates, FirmTech, a 5 mm ball, ASAE S368.4.
 
     drupe presses the fruit's own mesh and pit with its E, and states each reading with its error. It writes
     OUT/firmness.csv and OUT/firmness.html after each fruit. At the end the readings become columns of the
-    ranking and of the report, which drupe writes again with the batch's present settings. It takes about
-    10 s of CPU per fruit.
+    ranking and of the report, which drupe writes again with the batch's present settings. Without --lang the
+    pages keep the report's language. It takes about 10 s of CPU per fruit.
 
     Exit status: 0 done; 1 internal error; 2 usage or unreadable results; 130 interrupted.
 
@@ -51,8 +57,10 @@ def firmness(
         tests = trade_tests(chord_gf=chord, ball_N=ball_force)
     except ValueError as reason:
         raise refused("drupe firmness", f"--chord, --ball-force: {reason}.") from None
-    for line in trade_numbers(out, tests, limit or [], now=datetime.now(UTC)):
+    language = chosen_language(lang)
+    if lang is None:
+        language = language_of(Results(out).report, language)
+    for line in trade_numbers(out, tests, limit or [], now=datetime.now(UTC), language=language):
         typer.echo(line)
-    language = language_of(Results(out).report, chosen_language(None))
     for line in with_report(out, batch, language=language):
         typer.echo(line, err=True)

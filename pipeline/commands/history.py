@@ -7,7 +7,16 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.shared_options import Aql, Inspection, Level, LotSizes, OcFile, Variables
+from pipeline.commands.shared_options import (
+    Aql,
+    Inspection,
+    LanguageOption,
+    Level,
+    LotSizes,
+    OcFile,
+    Variables,
+    chosen_language,
+)
 from pipeline.safe_start import elsewhere
 
 
@@ -27,6 +36,7 @@ def history(
     html: Annotated[
         Path | None, Option("--html", metavar="FILE", help="Write the history as an HTML page to this file.")
     ] = None,
+    lang: LanguageOption = None,
     export: Annotated[
         Path | None,
         Option(
@@ -137,6 +147,7 @@ def history(
     wanted = HistoryWanted(
         store=store,
         html=html,
+        language=chosen_language(lang),
         export=export,
         statistics=statistics,
         precision=precision / 100,

@@ -19,7 +19,8 @@ from pipeline.history.stored_batch import stored_batch
 from pipeline.history.table_file import put_table, require_format, table_of
 from pipeline.problem import refused
 from reports.history_entries import GaugeEntry, HistoryEntry, SeriesEntry
-from reports.history_page import PAGE_TITLE, history_html
+from reports.history_page import history_html, page_titles
+from reports.language import ENGLISH
 
 COMMAND = "drupe history"
 MOST_BYTES = 100_000_000
@@ -31,10 +32,12 @@ class HistoryWanted:
     """Options of `drupe history`. `forget`: batches, lots or fruit to remove from the store. `export`: table
     of fruit. `statistics`: table of lots, with the fruit that their means need for `precision` (a share).
     `gauge`: "gripper", "sensor" or both. `oc`: table of operating characteristics of sampling plans.
+    `language`: of the page.
     """
 
     store: Path | None = None
     html: Path | None = None
+    language: str = ENGLISH
     export: Path | None = None
     statistics: Path | None = None
     precision: float = PRECISION
@@ -82,7 +85,7 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
     if wanted.oc is not None:
         put_table(wanted.oc, characteristics(quality))
     if wanted.html is not None:
-        put(wanted.html, history_html(entry).encode())
+        put(wanted.html, history_html(entry, language=wanted.language).encode())
     said = [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
     said += quality_lines(quality)
     return HistoryMade(entry=entry, new=new, said=tuple(said))
@@ -138,7 +141,8 @@ def _require_valid_options(outs: Sequence[Path], wanted: HistoryWanted) -> None:
 
 
 def _is_page(path: Path) -> bool:
-    return f"<title>{PAGE_TITLE}</title>" in text_or_empty(path, most_bytes=MOST_BYTES)[:2000]
+    head = text_or_empty(path, most_bytes=MOST_BYTES)[:2000]
+    return any(title in head for title in page_titles())
 
 
 def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:

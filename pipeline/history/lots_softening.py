@@ -101,7 +101,7 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
 
 def lot_groups(series: Sequence[SeriesEntry]) -> Iterator[GroupEntry]:
     """An entry per cultivar with at least two lots. `series`: sorted by category and cultivar."""
-    for (category, cultivar), of_group in groupby(series, key=lambda lot: (lot.category, lot.cultivar)):
+    for _, of_group in groupby(series, key=lambda lot: (lot.category, lot.cultivar)):
         lots = tuple(of_group)
         if len(lots) < 2:
             continue
@@ -109,7 +109,7 @@ def lot_groups(series: Sequence[SeriesEntry]) -> Iterator[GroupEntry]:
         last = sorted(lots, key=lambda lot: lot.days[-1].day)[-MOST_COMPARED:]
         last_E = {_on_last_day(lot): lot.days[-1].single_E_MPa for lot in lots if lot in last}
         yield GroupEntry(
-            name=" ".join(filter(None, (category, cultivar))),
+            name=lots[0].group,
             series=lots,
             words=words,
             rates=rates,

@@ -25,6 +25,7 @@ from pipeline.files.plain_file import printable
 from pipeline.problem import nearest, refused
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh
+from reports.language import ENGLISH
 from reports.tables import safe_cell
 from reports.trade_page import SizeEffect, TradeFruit, trade_html
 from reports.words import with_sd
@@ -45,13 +46,18 @@ Limit = tuple[TradeTest, float]
 
 
 def trade_numbers(
-    out: Path, tests: Sequence[TradeTest], limits: Sequence[str], *, now: datetime
+    out: Path,
+    tests: Sequence[TradeTest],
+    limits: Sequence[str],
+    *,
+    now: datetime,
+    language: str = ENGLISH,
 ) -> Iterator[str]:
     """Simulates the tests fruit by fruit and yields a line for each. After each, writes firmness.csv and
     firmness.html in `out`, with a reason for every fruit without readings.
 
-    `limits`: texts TEST=VALUE. Raises BatchRefused before any computation if results or options are invalid,
-    and NotWritten.
+    `limits`: texts TEST=VALUE. `language`: of the page. Raises BatchRefused before any computation if
+    results or options are invalid, and NotWritten.
     """
     results = Results(out)
     said = require_finished(results)
@@ -67,7 +73,7 @@ def trade_numbers(
         for name in names:
             done.append(_simulated(name, results.fruit(name), tests, asked))
             waiting = [TradeFruit(fruit_id=later, reason=PENDING) for later in names[len(done) :]]
-            _write(results, [*done, *waiting], tests, now=now, graded_utc=graded_utc)
+            _write(results, [*done, *waiting], tests, now=now, graded_utc=graded_utc, language=language)
             yield _line(done[-1], tests)
     yield from (_limit_line(limit, done) for limit in asked)
     simulated = sum(not fruit.reason for fruit in done)
@@ -95,6 +101,7 @@ def _write(
     *,
     now: datetime,
     graded_utc: str,
+    language: str,
 ) -> None:
     table = _table(fruit, tests, graded_utc)
     write_whole(results.firmness, table.to_csv(index=False, lineterminator="\n"))
@@ -106,6 +113,7 @@ def _write(
         made_utc=now,
         graded_utc=graded_utc,
         folder=printable(str(results.root)),
+        language=language,
     )
     write_whole(results.firmness_page, page)
 

@@ -181,7 +181,7 @@ def test_the_days_of_a_lot_need_no_scrolling_on_a_phone(shown):
     page.locator("summary", has_text="Days of this lot").first.click()
     table = page.locator(".days").first
     assert table.evaluate("(table) => table.scrollWidth <= table.clientWidth")
-    assert table.locator("td[data-head^='Percentiles']").first.inner_text().count(", ") == 4
+    assert table.locator("td[data-head^='Percentiles']").first.inner_text().count("; ") == 4
 
 
 def test_on_a_phone_each_cell_of_sentences_names_its_column_and_is_wide(shown):

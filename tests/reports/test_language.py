@@ -7,7 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from reports import batch_overview, effect_words, explain_page, kiosk_page, page, skin_picture, words
+from recon.pit.priors import known_categories
+from reports import (
+    batch_overview,
+    effect_words,
+    explain_page,
+    history_page,
+    kiosk_page,
+    page,
+    skin_picture,
+    words,
+)
 from reports.kiosk_page import KioskEntry, kiosk_html
 from reports.language import ENGLISH, LANGUAGES, say, spoken, words_of
 from reports.page import report_html
@@ -37,7 +47,7 @@ def said_by_table():
     yield from batch_overview.REASONS
     yield from (*kiosk_page.WORDS, *kiosk_page.WORDS.values(), *kiosk_page.COUNTED.values())
     yield from kiosk_page.MISSING
-    yield explain_page.TITLE
+    yield from (explain_page.TITLE, history_page.TITLE, *words.CATEGORIES)
     yield from (name for name, *_ in skin_picture.FROM_SIDES)
     for entry in effect_words.VERDICTS.values():
         yield from vars(entry).values()
@@ -78,3 +88,7 @@ def test_a_page_is_in_its_language(awkward_batch, language, word):
 def test_a_language_that_nobody_knows_is_an_error():
     with pytest.raises(ValueError, match='found language "fr", expected one of en, de, es'), spoken("fr"):
         say("Ship")
+
+
+def test_every_shipped_category_has_a_name_in_each_language():
+    assert known_categories() == words.CATEGORIES
