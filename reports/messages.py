@@ -35,7 +35,8 @@ from reports.language import ENGLISH, decimals, language_in_force, say, words_of
 
 _FIELD = re.compile(r"(?:\{\d\})+")
 """A placeholder. Adjacent ones count as one, because nothing marks where the first ends."""
-_FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+(?:\.\d+)?)?%?")
+_FIGURE = re.compile(r"(?!.*\d\.\d+\.\d)(?:[-+±\d./^()=% ]|MPa|[kNE]\b)*\d(?:[-+±\d./^()=% ]|MPa|[kNE]\b)*")
+"""A number, a value with its deviation, or an equation of E; no date and no version."""
 MOST_NAME = 300
 """Most characters before a colon that may name a recording or a file."""
 _CONJUNCTIONS = frozenset({"and", "of", "or", "times"})
@@ -119,6 +120,8 @@ def _message(text: str, language: str) -> str | None:
         return f"{open_end}."
     for stop in re.finditer(r"\.(?= )", text):
         first = _whole(text[: stop.end()], language) or _whole(text[: stop.start()], language)
+        if first is None and _FIGURE.fullmatch(text[: stop.start()]):
+            first = decimals(text[: stop.start()])
         if first is not None:
             rest = text[stop.end() + 1 :]
             return f"{first.removesuffix('.')}. {_message(rest, language) or rest}"

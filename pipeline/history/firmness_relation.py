@@ -184,14 +184,15 @@ def firmness_relations(
         E, F = np.array(both).T
         relation, title = firmness_relation(E, F), f"{group}, plunger of {plunger_mm:g} mm"
         count = left_out[group, plunger_mm]
-        added = f". drupe left out {count} cells with text or a number not above 0" if count else ""
+        added = f"drupe left out {count} cells with text or a number not above 0" if count else ""
         if isinstance(relation, str):
-            words = f"not fitted: {relation}{added}"
+            words = ". ".join(filter(None, (f"not fitted: {relation}", added)))
             yield (group, plunger_mm), FirmnessEntry(title=title, words=words, E_MPa=E, reading_N=F), None
             continue
         at = np.linspace(E.min(), E.max(), LINE_POINTS)
         line = np.column_stack([at, relation.predicted(at)])
-        entry = FirmnessEntry(title=title, words=relation.words + added, E_MPa=E, reading_N=F, line=line)
+        words = ". ".join(filter(None, (relation.words, added)))
+        entry = FirmnessEntry(title=title, words=words, E_MPa=E, reading_N=F, line=line)
         yield (group, plunger_mm), entry, relation
 
 

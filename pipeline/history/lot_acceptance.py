@@ -69,8 +69,9 @@ class PlanWanted:
         """The plan of a lot. Raises NoPlan if its size is unknown or the tables have no such plan."""
         size = self.sizes.get(lot, self.sizes.get(""))
         if size is None:
-            named, option = (f'lot "{lot}"', f'"{lot}=FRUIT"') if lot else ("the lot", "FRUIT")
-            raise NoPlan(f"the size of {named} is not stated; add --lot-size {option}")
+            if lot:
+                raise NoPlan(f'the size of lot "{lot}" is not stated; add --lot-size "{lot}=FRUIT"')
+            raise NoPlan("the size of the lot is not stated; add --lot-size FRUIT")
         make = variables_plan if self.variables else attributes_plan
         return make(size, self.aql, level=self.level, inspection=self.inspection)
 
@@ -159,18 +160,19 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
         verdict, words = _by_attributes(plan, E_MPa, low, top)
     else:
         verdict, words = _by_variables(plan, E_MPa, low, top)
+    sentences = [words]
     if len(fruit) > plan.n:
-        words += f". The sample is {plan.n} of the {len(fruit)} fruit, drawn without regard to E"
-    words += _left_out(on_day, set(fruit))
-    return LotDecisionEntry(name=_name(on_day[-1]), verdict=verdict, words=words)
+        sentences.append(f"The sample is {plan.n} of the {len(fruit)} fruit, drawn without regard to E")
+    sentences += _left_out(on_day, set(fruit))
+    return LotDecisionEntry(name=_name(on_day[-1]), verdict=verdict, words=". ".join(sentences))
 
 
 def _place(batch: StoredBatch, fruit_id: str) -> str:
     return hashlib.sha256(f"{batch.lot}\n{batch.measured}\n{fruit_id}".encode()).hexdigest()
 
 
-def _left_out(on_day: Sequence[StoredBatch], counted: set[str]) -> str:
-    """A clause with the number of the day's fruit that no batch counts; empty if there are none."""
+def _left_out(on_day: Sequence[StoredBatch], counted: set[str]) -> Iterator[str]:
+    """Clauses with the number of the day's fruit that no batch counts."""
     doubted = {
         fruit.fruit_id
         for batch in on_day
@@ -178,9 +180,10 @@ def _left_out(on_day: Sequence[StoredBatch], counted: set[str]) -> str:
         if fruit.doubted and fruit.E_known_MPa is None
     }
     lost = {name for batch in on_day for name in batch.lost}
-    kinds = {"in doubt": doubted - counted, "not graded": lost - doubted - counted}
-    said = [f"{len(names)} fruit {why}" for why, names in kinds.items() if names]
-    return f". drupe left out {' and '.join(said)}" if said else ""
+    if in_doubt := len(doubted - counted):
+        yield f"drupe left out {in_doubt} fruit in doubt"
+    if not_graded := len(lost - doubted - counted):
+        yield f"drupe left out {not_graded} fruit without a grade"
 
 
 def _by_attributes(plan: AttributesPlan, E_MPa: np.ndarray, low: float, high: float) -> tuple[str, str]:
@@ -191,7 +194,7 @@ def _by_attributes(plan: AttributesPlan, E_MPa: np.ndarray, low: float, high: fl
     if len(E_MPa) < plan.n:
         return MORE, f"{words}; the plan needs {plan.n} fruit: grade {plan.n - len(E_MPa)} more"
     if outside > plan.ac:
-        words += ", between Ac and Re: return to normal inspection for the next lot"
+        words += ". That is between Ac and Re: return to normal inspection for the next lot"
     return ACCEPT, words
 
 
@@ -203,8 +206,9 @@ def _by_variables(plan: VariablesPlan, E_MPa: np.ndarray, low: float, high: floa
     if (fruit := len(E_MPa)) < plan.n:
         return MORE, f"{fruit} fruit are measured; the plan needs {plan.n}: grade {plan.n - fruit} more"
     Q = quality_index(np.log(E_MPa), limit=math.log(high if upper else low), upper=upper)
-    verdict, how = (ACCEPT, "at least") if plan.k <= Q else (REJECT, "below")
-    return verdict, f"Q = {Q:.4g} of ln E, {how} k = {plan.k:g}"
+    if plan.k <= Q:
+        return ACCEPT, f"Q = {Q:.4g} of ln E is at least k = {plan.k:g}"
+    return REJECT, f"Q = {Q:.4g} of ln E is below k = {plan.k:g}"
 
 
 def quality_index(values: Float[np.ndarray, " n"], *, limit: float, upper: bool) -> float:

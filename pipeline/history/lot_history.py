@@ -53,6 +53,8 @@ TENTH = 0.1
 PRECISION = 0.05
 """Default half-width of the mean's 90 % interval, over the mean, that sets the number of fruit needed."""
 DAY_OF_GRADING = "batch.toml has no measured_on for {days}, so drupe takes the day of grading"
+NO_TEST = "With two days, nothing tests the exponential law; a third day does."
+CHECK_DAYS = "Check temperature, sampling and sensor."
 SEVERAL_LIMITS = "the batches of this lot have different class limits; drupe uses those of the last day"
 
 
@@ -183,18 +185,20 @@ def _softening_words(law: Softening | None) -> str:
         return "Only one day is measured; measure a second day to see how fast the lot softens."
     rate, low, high = law.rate(), law.rate(LOW), law.rate(HIGH)
     if not law.softens:
-        changes = f"{_per_day(-rate):+.1f} % a day ({_per_day(-high):+.1f} to {_per_day(-low):+.1f} %, 90 %)"
-        words = f"No softening is visible: E changes by {changes}."
-    else:
-        falls = f"{-_per_day(-rate):.1f} % a day ({-_per_day(-low):.1f} to {-_per_day(-high):.1f} %, 90 %)"
-        words = f"E falls by {falls}; the half-life is {math.log(2) / rate:.1f} days."
-    if law.days == 2:
-        words += " With two days, nothing tests the exponential law; a third day does."
-    elif law.day_sd > law.fruit_sd:
-        words += (
-            f" Days deviate from the law by {100 * law.day_sd:.0f} %, more than single fruit of one "
-            "day. Check temperature, sampling and sensor."
+        words = (
+            f"No softening is visible: E changes by {_per_day(-rate):+.1f} % a day "
+            f"({_per_day(-high):+.1f} to {_per_day(-low):+.1f} %, 90 %)."
         )
+    else:
+        words = (
+            f"E falls by {-_per_day(-rate):.1f} % a day ({-_per_day(-low):.1f} to {-_per_day(-high):.1f} %, "
+            f"90 %); the half-life is {math.log(2) / rate:.1f} days."
+        )
+    if law.days == 2:
+        words += f" {NO_TEST}"
+    elif law.day_sd > law.fruit_sd:
+        deviation = f"{100 * law.day_sd:.0f} %"
+        words += f" Days deviate from the law by {deviation}, more than single fruit of one day. {CHECK_DAYS}"
     return words
 
 
@@ -250,8 +254,10 @@ def _when(law: Softening | None, limit_MPa: float, first: date, *, share: float)
         far = _on(first, law.farthest_day)
         return f"Not before {far}, the last predicted day ({FARTHEST:g} times the observed days)."
     until = "an open end" if latest is None else _on(first, latest)
-    about = f"In about {day - law.last:.1f} days" if day > law.last else "About now"
-    return f"{about}, on {_on(first, day)} ({_on(first, earliest or law.first)} to {until}, 90 %)."
+    on, since = _on(first, day), _on(first, earliest or law.first)
+    if day > law.last:
+        return f"In about {day - law.last:.1f} days, on {on} ({since} to {until}, 90 %)."
+    return f"About now, on {on} ({since} to {until}, 90 %)."
 
 
 def _on(first: date, day: float) -> str:

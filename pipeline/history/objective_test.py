@@ -16,6 +16,8 @@ from reports.history_entries import ObjectiveSampleEntry
 
 FRUIT, CHEEKS = 10, 2
 """Fewest fruit of each size, and fewest cheeks of each fruit."""
+BOTH_CHEEKS = "Each fruit has two recorded cheeks: the sample suffices"
+TURNED = "If each fruit was turned between two recordings, the sample suffices"
 
 
 def objective_samples(
@@ -42,28 +44,27 @@ def _sample(name: str, fruit: Sequence[MergedFruit], per_recording: int) -> Obje
     cheeks = [(specimen.fruit_id, specimen.cheeks) for specimen in fruit]
     lacking = [(name, left) for name, E in cheeks if (left := CHEEKS - per_recording * len(E)) > 0]
     missing = max(FRUIT - len(fruit), 0)
-    words = f"{len(fruit)} fruit, at least {FRUIT} are needed"
+    sentences = [f"{len(fruit)} fruit, at least {FRUIT} are needed"]
     if missing:
-        words += f": grade {missing} more"
+        sentences.append(f"Grade {missing} more fruit")
     if lacking:
-        words += f"; {sum(left for _, left in lacking)} cheeks of {len(lacking)} fruit are missing"
+        number = sum(left for _, left in lacking)
+        sentences.append(f"{number} cheeks of {len(lacking)} fruit are missing")
     if not missing and not lacking:
-        turned = ", if the fruit was turned between them" if per_recording < CHEEKS else ""
-        words += f", with two recorded cheeks each{turned}: the sample suffices"
-    spread = _difference([[E for E, _ in both] for _, both in cheeks if len(both) > 1])
+        sentences.append(TURNED if per_recording < CHEEKS else BOTH_CHEEKS)
+    sentences += _difference([[E for E, _ in both] for _, both in cheeks if len(both) > 1])
     return ObjectiveSampleEntry(
         name=name,
         fruit=len(fruit),
         fruit_missing=missing,
         cheeks_missing=tuple(f"{name} ({left})" for name, left in lacking),
-        words=words + spread,
+        words=". ".join(sentences),
         cheeks=tuple(cheeks),
     )
 
 
-def _difference(E_MPa: Sequence[Sequence[float]]) -> str:
-    """A clause with the pooled standard deviation of ln E within fruit; empty without repeats."""
-    if not E_MPa:
-        return ""
-    sd = 100 * pooled_sd([np.log(E) for E in E_MPa])
-    return f"; E of single recordings of {len(E_MPa)} fruit differs within a fruit by {sd:.1f} % (sd)"
+def _difference(E_MPa: Sequence[Sequence[float]]) -> Iterator[str]:
+    """A clause with the pooled standard deviation of ln E within fruit, if there are repeats."""
+    if E_MPa:
+        sd = 100 * pooled_sd([np.log(E) for E in E_MPa])
+        yield f"E of single recordings of {len(E_MPa)} fruit differs within a fruit by {sd:.1f} % (sd)"

@@ -303,7 +303,7 @@ def test_the_example_of_the_standard_is_accepted_by_variables():
     E = np.exp(values / 100)
     limits = (("ready", math.exp(2.09)), ("firm", None))
     how = {"lot_size": ("40",), "aql": 1.0, "variables": True}
-    assert decision(E, limits=limits, **how) == ("accept", "Q = 1.59 of ln E, at least k = 1.53")
+    assert decision(E, limits=limits, **how) == ("accept", "Q = 1.59 of ln E is at least k = 1.53")
     assert decision(E, limits=(("ready", math.exp(2.08)), ("firm", None)), **how)[0] == "reject"
     assert decision(E[:4], limits=limits, **how)[0] == "more fruit needed"
 
@@ -361,7 +361,9 @@ def test_a_last_day_without_a_fruit_that_counts_decides_nothing_by_an_older_day(
     assert words.startswith("0 of 0 fruit are outside the class; the plan needs 20 fruit: grade 20 more")
     assert words.endswith(". drupe left out 3 fruit in doubt")
     failed = replace(batch([50.0], key="c"), lost=("N7", "N8"))
-    assert accepted([older, failed])[1].endswith("left out 1 fruit in doubt and 2 fruit not graded")
+    assert accepted([older, failed])[1].endswith(
+        "left out 1 fruit in doubt. drupe left out 2 fruit without a grade"
+    )
     body = StoredFruit(fruit_id="ball", E_MPa=0.8, E_sd_MPa=0.02, E_known_MPa=0.8)
     assert accepted([older, replace(batch([], key="c"), fruit=(body,))])[0] == "accept"
 

@@ -437,7 +437,7 @@ def test_ten_fruit_of_each_size_with_two_cheeks_suffice():
     large, small = objective_samples([stored(fruit)], 1, size_column="size")
     assert large.name == "peach A, lot 7, 2026-08-12, size A"
     assert (large.fruit, large.fruit_missing, large.cheeks_missing) == (10, 0, ())
-    assert "with two recorded cheeks each, if the fruit was turned between them: the sample" in large.words
+    assert "If each fruit was turned between two recordings, the sample suffices" in large.words
     assert "differs within a fruit by 7.1 % (sd)" in large.words  # 0.1 / sqrt(2) of ln E
     assert (small.fruit, small.fruit_missing, small.cheeks_missing) == (2, 8, ("B1 (1)",))
     (both,) = objective_samples([stored(fruit)], 2)
@@ -449,6 +449,6 @@ def test_the_command_names_what_is_missing(drupe, tmp_path):
     out = results_of(tmp_path / "out", [graded(f"N{k}", 0.5) for k in range(8)], lot="7")
     page = tmp_path / "h.html"
     ran = drupe("history", out, "--oecd", "1", "--html", page)
-    assert "8 fruit, at least 10 are needed: grade 2 more; 8 cheeks of 8 fruit are missing." in ran.out
+    assert "8 fruit, at least 10 are needed. Grade 2 more fruit. 8 cheeks of 8 fruit are missing." in ran.out
     assert "Samples for the OECD test of firmness" in page.read_text()
     assert "drupe counts each recording as another cheek" in page.read_text()
