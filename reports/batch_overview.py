@@ -145,11 +145,13 @@ def numbered(batch: BatchEntry) -> list[Indexed]:
 
 def correlation_words(shore: ShoreCorrelation) -> str:
     """Number of fruit, both correlations of E and Shore readings, and p (if known), in one line."""
-    words = (
-        f"{shore.n} fruit with both: Spearman rank correlation {shore.spearman:.2f}, "
-        f"Pearson correlation {shore.pearson:.2f}"
+    words = say(
+        "{count} fruit with both: Spearman rank correlation {spearman}, Pearson correlation {pearson}",
+        count=shore.n,
+        spearman=decimals(f"{shore.spearman:.2f}"),
+        pearson=decimals(f"{shore.pearson:.2f}"),
     )
     if shore.p is None:
         return words
     p = f"<{NO_BREAK}0.001" if shore.p < 0.001 else f"={NO_BREAK}{shore.p:.3f}"
-    return f"{words}, p{NO_BREAK}{p}"
+    return f"{words}, p{NO_BREAK}{decimals(p)}"

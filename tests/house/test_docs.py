@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 from pydantic import BaseModel
+from typer.main import get_command
 
 from pipeline.batch.fruits_table import COLUMNS
 from pipeline.batch.settings import Settings
+from pipeline.cli import app
 from pipeline.commands.convert import convert
 from pipeline.recordings.conversion import KINDS
 from reports.tables import RANKING_COLUMNS
@@ -176,6 +178,32 @@ def test_every_name_in_a_file_is_defined_in_formats(names):
 def section_of(document: str, heading: str) -> str:
     """From its heading to the next of the same level."""
     return text_of(document).partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+
+
+def options_of(command) -> set[str]:
+    return {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
+
+
+def test_every_option_that_the_documents_name_exists():
+    """After a command's name, each option is that command's; alone in code, it is an option of some command."""
+    commands = get_command(app).commands
+    inner = {name: getattr(command, "commands", {}).values() for name, command in commands.items()}
+    known = {
+        name: set().union(options_of(command), *map(options_of, inner[name]))
+        for name, command in commands.items()
+    }
+    unknown, seen = [], 0
+    for document in DOCUMENTS:
+        for name, rest in re.findall(r"\bdrupe ([a-z]+)([^\n`|#]*)", text_of(document)):
+            if name in known:
+                named = re.findall(r"(?<!\S)--[a-z][a-zA-Z-]*", rest.partition("drupe ")[0])
+                seen += len(named)
+                unknown += [(document, name, option) for option in named if option not in known[name]]
+        alone = re.findall(r"`(--[a-z][a-zA-Z-]*)", text_of(document))
+        every = {"--help"}.union(*known.values())
+        unknown += [(document, option) for option in alone if option not in every]
+    assert unknown == []
+    assert seen > 50
 
 
 def test_every_source_of_convert_has_its_row_in_formats_and_every_option_is_named_there():

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 import pytest
 from browser import NODES, busy, chromium, reloaded
+from report_batches import batch_of
 
-from reports.entries import FruitEntry, Picture, VerdictEntry
+from reports.entries import FruitEntry, Picture, ScreenEntry, VerdictEntry
 from reports.language import ENGLISH, LANGUAGES
 from reports.page import report_html
 from reports.sheet_code import sheet_code
@@ -357,6 +358,28 @@ def test_axe_finds_nothing_and_nothing_is_cut_off(shown, width, scheme):
     audit = axe.Axe().run(page)
     assert [(v["id"], v["nodes"][0]["html"][:120]) for v in audit.response["violations"]] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("width", [1000, 1280])
+def test_the_table_of_a_lot_without_own_columns_is_whole(shown, graded, language, width):
+    none_found = ScreenEntry(p_value=0.123)
+    fruits = tuple(
+        replace(
+            graded(f"N-{k:03}", rank=k, E_MPa=0.3 + 0.02 * k, maturity="ready to buy"),
+            screen=none_found,
+            decision="hold",
+        )
+        for k in range(1, 13)
+    )
+    classes = (("ready to eat", 0.35), ("ready to buy", 0.6), ("firm", None))
+    batch = replace(batch_of(*fruits), classes=classes, screened=True)
+    page, _ = shown(batch=batch, language=language, viewport={"width": width, "height": 900})
+    box = page.locator(".box")
+    assert page.locator("table.fruit thead th").count() == 12
+    assert box.evaluate("(box) => box.scrollWidth - box.clientWidth") <= 0
+    cut = "(row) => [...row.cells].filter((cell) => cell.scrollHeight > cell.clientHeight + 1).length"
+    assert [row.evaluate(cut) for row in page.locator(".box tbody tr:not(.space)").all()] == [0] * 12
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
