@@ -185,7 +185,7 @@ def options_of(command) -> set[str]:
 
 
 def test_every_option_that_the_documents_name_exists():
-    """After a command's name, each option is that command's; alone in code, it is an option of some command."""
+    """After a command's name, each option is that command's; alone, it is an option of some command."""
     commands = get_command(app).commands
     inner = {name: getattr(command, "commands", {}).values() for name, command in commands.items()}
     known = {
