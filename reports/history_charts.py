@@ -67,7 +67,7 @@ def softening_chart(series: SeriesEntry, name: str) -> Chart:
     }
 
 
-def lots_chart(group: GroupEntry, *, named: Callable[[str], str]) -> Chart:
+def lots_chart(group: GroupEntry, *, named: Callable[[str], str] = str) -> Chart:
     """Daily geometric means of every lot of a cultivar; each lot has a line, a colour and a shape. `named`:
     a lot's or group's name in the language in force.
     """

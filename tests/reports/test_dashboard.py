@@ -373,7 +373,7 @@ def test_the_table_of_a_lot_without_own_columns_is_whole(shown, graded, language
         for k in range(1, 13)
     )
     classes = (("ready to eat", 0.35), ("ready to buy", 0.6), ("firm", None))
-    batch = replace(batch_of(*fruits), classes=classes, screened=True)
+    batch = replace(batch_of(*fruits), classes=classes, ships=("ready to eat",), screened=True)
     page, _ = shown(batch=batch, language=language, viewport={"width": width, "height": 900})
     box = page.locator(".box")
     assert page.locator("table.fruit thead th").count() == 12
