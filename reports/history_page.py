@@ -11,7 +11,7 @@ from reports.history_entries import HistoryEntry
 from reports.html_templates import charted_page
 from reports.language import ENGLISH, LANGUAGES, say, spoken
 from reports.messages import in_language
-from reports.words import NO_BREAK, category_name, number
+from reports.words import category_name, number
 
 TITLE = "History of graded batches"
 
@@ -78,5 +78,4 @@ def _on_day(text: str) -> str:
 
 def _interval(value: float, low: float, high: float) -> str:
     """A value with its interval in brackets."""
-    limits = say("{low} to {high}", low=number(low), high=number(high))
-    return f"{number(value)} ({limits.replace(' ', NO_BREAK)})"
+    return f"{number(value)} ({say('{low} to {high}', low=number(low), high=number(high))})"
