@@ -288,7 +288,7 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
 
 def small_strain_model(case: MismatchCase) -> CaseModel:
     """The plain model without large deformation, which the truth of this module lacks."""
-    return replace(case_model(case)[0], beyond_small_strain=False)
+    return case_model(case, beyond_small_strain=False)[0]
 
 
 def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[CaseModel, LinearRound, Refit]:

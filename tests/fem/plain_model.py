@@ -16,11 +16,13 @@ _SOLIDS: dict[tuple[int, float, Support], UnitModulusSolid] = {}
 MOST_SOLIDS = 3
 
 
-def case_model(case: MismatchCase) -> tuple[CaseModel, list[CompliantFit]]:
+def case_model(
+    case: MismatchCase, *, beyond_small_strain: bool = True
+) -> tuple[CaseModel, list[CompliantFit]]:
     """As fem.mismatch.procedure has it, on solids that are kept."""
     supports = dict.fromkeys(grasp.support for grasp in case.grasps)
     solids = {support: kept_solid(case.mesh, case.poisson_ratio, support) for support in supports}
-    return of_solids(case, solids=solids)
+    return of_solids(case, solids=solids, beyond_small_strain=beyond_small_strain)
 
 
 def kept_solid(mesh: FleshMesh, poisson_ratio: float, support: Support) -> UnitModulusSolid:

@@ -249,7 +249,7 @@ def explained():
 
     with pytest.MonkeyPatch.context() as patch:
         # flesh here moves by small strain
-        patch.setattr(start_to_end, "CaseModel", partial(CaseModel, beyond_small_strain=False))
+        patch.setattr(start_to_end, "case_model", partial(start_to_end.case_model, beyond_small_strain=False))
         patch.setattr(start_to_end, "EFFECTS", tuple(module.EFFECT for module in SHORT))
         return start_to_end.explain(injected_case(on_pad("left", louder)), graded=GradedCase(modulus=PLAIN))
 

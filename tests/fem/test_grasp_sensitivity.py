@@ -336,7 +336,7 @@ def compliances(case, base):
 @pytest.fixture(scope="module")
 def model(case, models):
     # flesh here moves by small strain
-    return replace(case_model(case)[0], graded=models, beyond_small_strain=False)
+    return replace(case_model(case, beyond_small_strain=False)[0], graded=models)
 
 
 def test_the_plain_model_of_explain_has_the_compliance_of_grading(

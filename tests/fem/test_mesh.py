@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
-from coarse_fruit import fruit_mesh
+from coarse_fruit import FOOT_MM, HALF_AXES_MM, PIT_HALF_AXES_MM, PIT_MIDDLE_MM, fruit_mesh
 from fem_shapes import ball, box, cube_mesh, smallest_dihedral_deg, star, tetrahedron
 
 from fem.elements.shape_functions import TET_EDGES, TET_FACES
 from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh import flesh_mesh
 from fem.mesh.boundary_fit import t10_jacobians
 from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
 from fem.mesh.creases import creases_of
@@ -188,6 +189,23 @@ def test_the_mesh_follows_the_contact_where_the_caller_leaves_it_to_it():
     in_contact = (np.abs(corner.mean(axis=1) - [0, 0, 15]) < [1, 1, 0.01]).all(axis=1)
     assert 0.25 < np.median(edge[in_contact]) < 0.6
     assert 3 * len(mesh.nodes_mm) < 60_000
+
+
+def test_a_refined_mesh_holds_the_same_flesh_with_smaller_elements_in_the_contact():
+    coarse, touched = fruit_mesh(), square(4, at=(0, 0, 18.0))
+    vertices, faces = ball(2000, semi_axes_mm=HALF_AXES_MM)
+    vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
+    pit = ball(800, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
+    mesh = flesh_mesh.refined(
+        coarse, vertices, faces, *pit, edge_mm=6.0, refine_at_mm=touched, dof_limit=40_000
+    )
+    assert 3 * len(coarse.nodes_mm) < 3 * len(mesh.nodes_mm) <= 40_000
+    assert mesh.volume_mm3 == pytest.approx(coarse.volume_mm3, rel=2e-3)
+    near = [
+        (np.linalg.norm(each.nodes_mm[each.outer_nodes] - [0, 0, 18], axis=1) < 3).sum()
+        for each in (coarse, mesh)
+    ]
+    assert near[1] > 10 * near[0]
 
 
 def corners_alone():

@@ -20,6 +20,7 @@ from injected_mismatch import (
     on_pad,
     only_grasp,
     small_strain_model,
+    true_mesh,
 )
 from jaxtyping import Float
 from pinched_case_model import COMPLIANCE, in_full, model_of
@@ -42,11 +43,13 @@ from fem.mismatch.effects import (
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.effects.slip import LEVEL_MM, slip_path
 from fem.mismatch.evidence.friction_cone import ShearRatios
+from fem.mismatch.kinds import pit_change
 from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.procedure import plain_fits
 from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NINETY
 from fem.mismatch.selection.model_selection import select_model
@@ -226,6 +229,31 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
         load = np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()
         unbalanced = BalanceEquations.of(recording).measured - response.balance[0]
         assert np.abs(unbalanced - BalanceEquations.of(true).measured).max() < 0.01 * load
+
+
+@pytest.fixture(scope="module")
+def with_finer_mesh() -> CaseModel:
+    """On the mesh that the truth was solved on."""
+    return small_strain_model(replace(injected_case(noise=0.0), finer_mesh=true_mesh()))
+
+
+def test_the_plain_response_is_that_of_the_finer_mesh(with_finer_mesh):
+    """It leaves less of what was solved on that mesh."""
+    left = []
+    for model in (small_strain_model(injected_case(noise=0.0)), with_finer_mesh):
+        fits = plain_fits(model.base)
+        left.append(np.mean([fit.residual_rms_mm for fit in fits]))
+    assert left[1] < 0.5 * left[0]
+
+
+def test_effects_of_no_size_leave_the_response_of_the_finer_mesh(with_finer_mesh):
+    recording = with_finer_mesh.grasps[0]
+    plain = recording.tracks.unit_displacement
+    assert np.abs(recording.added).max() > 1e-3 * np.abs(plain).max()
+    ((no_pit_change,), _) = pit_change._exact(with_finer_mesh, np.zeros(4))
+    no_shift = pose_error._exact(with_finer_mesh, recording, "left", np.zeros(3))[0]
+    for unit in (no_pit_change, no_shift):
+        np.testing.assert_allclose(unit, plain, atol=1e-6 * np.abs(plain).max())
 
 
 @pytest.mark.proof

@@ -13,7 +13,15 @@ import pytest
 from coarse_fruit import HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM, fruit_mesh
 from drained_flesh import drained
 from fem_shapes import box
-from injected_mismatch import E_MPA, TIME_S, Altered, injected_case, linear_and_refitted, only_grasp
+from injected_mismatch import (
+    E_MPA,
+    TIME_S,
+    Altered,
+    injected_case,
+    linear_and_refitted,
+    only_grasp,
+    small_strain_model,
+)
 from pinched_case_model import FRAMES, as_case, in_full, long_pinch, model_of
 from plain_model import case_model, screened_effects
 from scipy.sparse import csr_array
@@ -503,8 +511,7 @@ def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float
 
 
 def rounds(altered: Altered, **options: object):
-    model, _ = case_model(injected_case(altered, **options))
-    model = replace(model, beyond_small_strain=False)  # flesh here moves by small strain
+    model = small_strain_model(injected_case(altered, **options))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(screening, "model_error_columns", partial(model_error_columns, shares=COARSE_MESH))
         return model, screened_effects(model, EFFECTS)
