@@ -28,7 +28,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.diagnosis.diagnosis import finer_mesh_of, mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
@@ -43,7 +43,8 @@ def opened(*files: Path) -> MismatchCase:
         for source in files:
             shutil.copy(source, folder / source.name)
         case = open_case(folder, fruit_id=None, work=Path(work) / "work", out=None)
-        return mismatch_case(case, grasped_fruit(case.task, StageLog(lambda _: None), explains=True))
+        fruit = grasped_fruit(case.task, StageLog(lambda _: None), explains=True)
+        return mismatch_case(case, fruit, finer_mesh=finer_mesh_of(case, fruit))
 
 
 def line(case: MismatchCase, true_MPa: float) -> str:

@@ -65,12 +65,13 @@ class GradedBatch:
         """
         if frame not in ("fruit", "mat"):
             raise DrupeError(f'frame: found "{frame}", expected "fruit" or "mat"')
-        mesh, files = self.record(fruit_id).get("mesh"), Results(self.folder).fruit(fruit_id)
+        record, files = self.record(fruit_id), Results(self.folder).fruit(fruit_id)
+        mesh = record.get("mesh")
         if mesh is None or not files.fruit_ply.is_file():
             raise DrupeError(f"{fruit_id}: found no mesh in {files.root}, expected a fruit graded with one")
         with refusals():
             skin = read_mesh(files.fruit_ply)
-            pit = read_mesh(files.pit_ply) if files.pit_ply.is_file() else None
+            pit = read_mesh(files.pit_ply) if record.get("pit") else None
         shift = np.zeros(3)
         if frame == "fruit" and mesh["source"] == "photos":
             shift = to_fruit_frame(skin[0])[1][:3, 3]

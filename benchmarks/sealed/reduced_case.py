@@ -25,7 +25,7 @@ from fem.mismatch.procedure import case_model
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY, Variant, of_pad
 from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.diagnosis.diagnosis import finer_mesh_of, mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
@@ -147,7 +147,8 @@ def opened(folder: Path) -> tuple[CaseModel, list[GraspEquations]]:
     """The plain model of a case folder, and the equations of its recordings."""
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str), explains=True)))
+        fruit = grasped_fruit(case.task, StageLog(str), explains=True)
+        model, _ = case_model(mismatch_case(case, fruit, finer_mesh=finer_mesh_of(case, fruit)))
     recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
     return model, recorded
 

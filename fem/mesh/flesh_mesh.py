@@ -178,9 +178,11 @@ def refined(
 ) -> FleshMesh:
     """A mesh of `tetrahedralise` with smaller elements in the contacts, to another dof_limit.
 
-    The other arguments are those of the mesh, and so is what it raises.
+    The other arguments are those of the mesh. Raises FemFailure: BAD_SURFACE, NOT_WATERTIGHT,
+    INVERTED_ELEMENTS, VOLUME_LOST.
     """
     outer = checked_surface(outer_vertices, outer_faces, name="fruit")
+    edge_mm = min(edge_mm, LARGEST_SHARE * outer.volume_mm3 ** (1 / 3))
     pit = None
     if pit_vertices is not None and pit_faces is not None:
         pit = checked_surface(pit_vertices, pit_faces, name="pit")

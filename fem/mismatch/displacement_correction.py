@@ -42,7 +42,7 @@ def displacement_corrections(
 
     Raises FemFailure if the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
-    model = replace(case_model(case)[0], beyond_small_strain=at_finite_strain)
+    model, _ = case_model(case, beyond_small_strain=at_finite_strain)
     if not model.compliance > 0:
         raise FemFailure(
             FemProblem.NO_MODULUS,

@@ -12,6 +12,7 @@ from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
+from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
@@ -19,8 +20,8 @@ from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace
 from pipeline.fruit.bare_traces import BareTraces, bare_recordings, joined_traces
 from pipeline.fruit.elasticity import at_small_strain, fruit_modulus
-from pipeline.fruit.flesh_model import poisson_ratio
-from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
+from pipeline.fruit.flesh_model import finer_flesh, poisson_ratio
+from pipeline.fruit.grasped import GraspedFruit, grasped_fruit, where_fine
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
 from pipeline.fruit.pressed_fruit import TRACE_SEED
 from pipeline.fruit.sensor_scale import sensor_scale
@@ -54,16 +55,22 @@ def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     return replace(diagnosis, doubts=doubts_of_modulus(case, diagnosis.explanation))
 
 
-def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
-    """The fruit as the finder's input."""
+def mismatch_case(case: Case, fruit: GraspedFruit, *, finer_mesh: FleshMesh | None = None) -> MismatchCase:
+    """The fruit as the finder's input; `finer_mesh`: for the plain response (`finer_mesh_of`)."""
     fruit = with_stated_surface(case, fruit)
     return MismatchCase(
         mesh=fruit.mesh,
         grasps=tuple(map(grasp_case, fruit.placed)),
         poisson_ratio=fruit.poisson_ratio,
         budget=fruit.budget,
-        finer_mesh=fruit.finer_mesh,
+        finer_mesh=finer_mesh,
     )
+
+
+def finer_mesh_of(case: Case, fruit: GraspedFruit) -> FleshMesh | None:
+    """The finder's finer mesh, if it is worth it. Raises FemFailure."""
+    fine = where_fine(fruit.placed, fruit.shape)
+    return finer_flesh(case.task, fruit.pit, fruit.mesh, fine, grasps=len(fruit.placed))
 
 
 def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
@@ -129,7 +136,13 @@ def _require_gels(fruit: GraspedFruit) -> None:
 def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     fruit = grasped_fruit(case.task, log, explains=True)
     _require_gels(fruit)
-    handed = mismatch_case(case, fruit)
+    finer_mesh, unrefined = None, list[str]()
+    with log.stage("finer mesh"):
+        try:
+            finer_mesh = finer_mesh_of(case, fruit)
+        except FemFailure as failure:
+            unrefined = [f"the finder uses the mesh of grading for the plain model: {failure.detail}."]
+    handed = mismatch_case(case, fruit, finer_mesh=finer_mesh)
     with log.stage("modulus"):
         try:
             graded, of_grading = graded_case(case, fruit, jobs=jobs)
@@ -138,7 +151,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             graded, of_grading = None, [f"{why}; E without an effect is the mean of the individual fits."]
     with log.stage("explanation"):
         explanation = find(handed, graded, log, jobs=jobs)
-    notes = dict.fromkeys([*of_grading, *explanation.notes, *notes_on(case, fruit, log.warnings)])
+    notes = dict.fromkeys([*unrefined, *of_grading, *explanation.notes, *notes_on(case, fruit, log.warnings)])
     budget, pit = handed.budget, fruit.pit.record
     scale = sensor_scale([grasp.recording for grasp in fruit.placed], case.task.settings.sensor)
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"

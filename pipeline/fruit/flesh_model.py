@@ -19,8 +19,12 @@ from tactile.readers.recording import Recording
 
 FINER_DOF, MOST_DOF = 30_000, 240_000
 """Degrees of freedom of the finer mesh, for each grasp and at most. Set by hand on an external nectarine of
-0.18 MPa without noise: 60,000 for four grasps leave residuals of 1.9 to 2.1 um, 120,000 leave 1.0 to 1.5, and
-180,000 leave 0.9 to 1.5. Factorisation takes 9 s of CPU with 120,000, and 14 s with 180,000."""
+0.18 MPa without noise: 60,000 for four grasps leave residuals of 1.9 to 2.1 um, 120,000 leave 1.1 to 1.6, and
+180,000 leave 0.9 to 1.5. Factorisation takes 9 s of CPU with 120,000, and 14 s with 180,000. The limit bounds
+memory: from nine grasps on, elements are coarser."""
+WORTH = 1.3
+"""Least ratio of degrees of freedom to those of grading's mesh for which a finer one is made: three grasps or
+more. Set by hand."""
 
 
 class KeptFlesh(StageRecord):
@@ -74,8 +78,14 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
 
 def finer_flesh(
     task: FruitTask, pit: FruitPit, mesh: FleshMesh, touched_mm: Float[np.ndarray, "p 3"], *, grasps: int
-) -> FleshMesh:
-    """The same flesh with smaller elements under the pads, for the plain response of the mismatch finder."""
+) -> FleshMesh | None:
+    """The same flesh with smaller elements under the pads, for the plain response of the mismatch finder.
+
+    None if it would hardly be finer. Raises FemFailure as fem.mesh.flesh_mesh.refined.
+    """
+    dof_limit = min(FINER_DOF * grasps, MOST_DOF)
+    if dof_limit < WORTH * mesh.nodes_mm.size:
+        return None
     return refined(
         mesh,
         *pit.skin,
@@ -83,7 +93,7 @@ def finer_flesh(
         edge_mm=task.settings.mesh.edge_mm,
         refine_at_mm=touched_mm,
         refine_edge_mm=task.settings.mesh.pad_edge_mm,
-        dof_limit=min(FINER_DOF * grasps, MOST_DOF),
+        dof_limit=dof_limit,
     )
 
 

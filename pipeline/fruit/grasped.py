@@ -23,7 +23,7 @@ from pipeline.files.limited_memory import return_freed_memory
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import put
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
-from pipeline.fruit.flesh_model import error_budget, finer_flesh, flesh_mesh, poisson_ratio
+from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
@@ -92,8 +92,7 @@ low with fine elements on its foot, without them 0.8 % (means of three recording
 class GraspedFruit:
     """Input of the modulus and of the mismatch finder; `failed`: unusable recordings, and why.
 
-    `doubts`: contradictions in the inputs used. `finer_mesh`: for the finder's plain response, if it was
-    asked for.
+    `doubts`: contradictions in the inputs used.
     """
 
     shape: FruitShape
@@ -104,7 +103,6 @@ class GraspedFruit:
     poisson_ratio: float
     budget: ErrorBudget
     doubts: tuple[Doubt, ...] = ()
-    finer_mesh: FleshMesh | None = None
 
 
 def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> GraspedFruit:
@@ -143,9 +141,7 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
     facts.doubts = tuple(doubt.sentence for doubt in doubts)
     nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
     with log.stage("flesh"):
-        fine = _where_fine(placed, shape)
-        mesh = flesh_mesh(task, pit, fine)
-        finer_mesh = finer_flesh(task, pit, mesh, fine, grasps=len(placed)) if explains else None
+        mesh = flesh_mesh(task, pit, where_fine(placed, shape))
         facts.flesh = FleshRecord(
             nodes=len(mesh.nodes_mm),
             tets=len(mesh.tets),
@@ -167,7 +163,6 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
         poisson_ratio=nu,
         budget=budget,
         doubts=tuple(doubts),
-        finer_mesh=finer_mesh,
     )
 
 
@@ -264,7 +259,7 @@ def _checked(task: FruitTask, shape: FruitShape) -> Checked:
     )
 
 
-def _where_fine(placed: list[PlacedGrasp], shape: FruitShape) -> Float[np.ndarray, "p 3"]:
+def where_fine(placed: Sequence[PlacedGrasp], shape: FruitShape) -> Float[np.ndarray, "p 3"]:
     """Where elements must be small: under every pad, and at the round foot of a fruit on a base."""
     points = [points for grasp in placed for points in grasp.touched_mm.values()]
     if any(grasp.recording.support == "base" for grasp in placed):

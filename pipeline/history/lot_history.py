@@ -253,10 +253,15 @@ def _when(law: Softening | None, limit_MPa: float, first: date, *, share: float)
     if day is None:
         far = _on(first, law.farthest_day)
         return f"Not before {far}, the last predicted day ({FARTHEST:g} times the observed days)."
-    until = "an open end" if latest is None else _on(first, latest)
     on, since = _on(first, day), _on(first, earliest or law.first)
-    if day > law.last:
-        return f"In about {day - law.last:.1f} days, on {on} ({since} to {until}, 90 %)."
+    left = day - law.last
+    if latest is None:
+        if left > 0:
+            return f"In about {left:.1f} days, on {on} ({since} or later, 90 %)."
+        return f"About now, on {on} ({since} or later, 90 %)."
+    until = _on(first, latest)
+    if left > 0:
+        return f"In about {left:.1f} days, on {on} ({since} to {until}, 90 %)."
     return f"About now, on {on} ({since} to {until}, 90 %)."
 
 

@@ -117,7 +117,9 @@ def with_drawn_surface(model: CaseModel) -> CaseModel:
         tracks = replace(recording.tracks, unit_displacement=recording.whole(response))
         return replace(recording, solid=solid, moved=moved, response=response, tracks=tracks)
 
-    moved_base = PlainModel(case=replace(case, mesh=mesh), solids=solids, grasps=tuple(model.each(again)))
+    moved_base = PlainModel(
+        case=replace(case, mesh=mesh, finer_mesh=None), solids=solids, grasps=tuple(model.each(again))
+    )
     return CaseModel(
         base=moved_base, compliance=model.compliance, workers=model.workers, beyond_small_strain=False
     )

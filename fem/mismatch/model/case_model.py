@@ -55,12 +55,12 @@ class CaseModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
     `graded`: for each recording, the model about the prior's pit from which grading infers E; None if grading
-    has no E for it; empty if it has none at all. `modulus_scale`: E from grading over E by this response,
-    which places markers where they touched (fem.mismatch.model.touched_skin) and treats large deformation
-    differently. `workers`: greatest number of threads. `path_share`: factor on the number of frames at which
-    laws with a history are solved (fem.mismatch.model.stress_history). `beyond_small_strain`: False if the
-    recordings' response includes finite strain already. `warm_starts`: those of the search that uses this
-    model; None outside a search.
+    has no E for it; empty if it has none at all. `modulus_scale`: E from grading over E by this response. It
+    places markers where they touched (fem.mismatch.model.touched_skin), may be that of a finer mesh
+    (fem.mismatch.model.finer_mesh) and treats large deformation differently. `workers`: greatest number of
+    threads. `path_share`: factor on the number of frames at which laws with a history are solved
+    (fem.mismatch.model.stress_history). `beyond_small_strain`: False if the recordings' response includes
+    finite strain already. `warm_starts`: those of the search that uses this model; None outside a search.
     """
 
     base: PlainModel

@@ -1,7 +1,7 @@
 """The plain response on a finer mesh than that of the effects.
 
 Markers resolve more than the mesh on which all effects are solved. On it the skin of soft flesh moves too
-little along the pads: by 2 to 3 um in contacts that bulge by 50. The residual then resembles a share of large
+little along the pads: by 2 to 3 um where it bulges by 50 um. The residual then resembles a share of large
 deformation that is missing, soft jaws, a loose pit or a small one. So c is that of a finer mesh,
 
     c = C_fine f,        changes of c by effects and by large deformation: of the coarse mesh.
