@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,8 @@ LEAST_BAND = 0.05
 FEW = 100
 """Points up to this number are compared with every triangle: search trees would take longer to build. Set by
 hand, for time alone."""
+NEIGHBOURS = 16
+"""Nearest middles of a band that are tried first. Set by hand, for time alone."""
 
 
 class Closest(NamedTuple):
@@ -106,14 +107,22 @@ class TriangleSearch:
         tree: cKDTree,
         largest_mm: float,
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
-        """Pairs (point, triangle of the band) whose ball reaches within the point's bound."""
-        lists = tree.query_ball_point(points_mm, bound + largest_mm, return_sorted=False)
-        number = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
-        owner = np.repeat(np.arange(len(lists)), number)
-        tried = members[np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=number.sum())]
-        distance = np.linalg.norm(points_mm[owner] - self.centre[tried], axis=1)
-        near = distance <= bound[owner] + self.radius[tried]
-        return owner[near], tried[near]
+        """Pairs (point, triangle of the band) whose ball reaches within the point's bound.
+
+        The nearest middles are asked for, and more of them for points whose last one is still in reach.
+        """
+        left, count = np.arange(len(points_mm)), NEIGHBOURS
+        owner, tried = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        while len(left):
+            count = min(count, tree.n)
+            distance, at = tree.query(points_mm[left], k=np.arange(1, count + 1))
+            ends = (distance[:, -1] > bound[left] + largest_mm) | (count == tree.n)
+            near = (distance <= bound[left, None] + self.radius[members[at]]) & ends[:, None]
+            who, which = np.nonzero(near)
+            owner.append(left[who])
+            tried.append(members[at[who, which]])
+            left, count = left[~ends], 4 * count
+        return np.concatenate(owner), np.concatenate(tried)
 
 
 def closest_on_triangles(

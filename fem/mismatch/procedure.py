@@ -33,7 +33,7 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 
 TOUCH_SHARE = 0.5
 """Share of the frames in which large deformation is solved for the places that markers touch (path_share of
-CaseModel). Set by hand: these places need a tenth of its accuracy."""
+CaseModel). Set by hand: the places change by tens of micrometres, and need not be right to one."""
 
 
 def explain(
