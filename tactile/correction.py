@@ -68,17 +68,6 @@ class ThermalFault:
 GelFault: TypeAlias = ForceLawFault | GelCreepFault | GelHysteresisFault | ThermalFault
 
 
-def without_gel_fault(recording: Recording, fault: GelFault) -> Recording:
-    """`recording` as it would be without the fault."""
-    gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
-    largest = max((float(np.linalg.norm(pad.force_N, axis=2).max()) for pad in gels), default=0.0)
-    pads = tuple(
-        _gel_pad(pad, fault, recording.time_s, largest) if isinstance(pad, GelPad) else pad
-        for pad in recording.pads
-    )
-    return replace(recording, pads=pads)
-
-
 def _gel_pad(pad: GelPad, fault: GelFault, time_s: Float[np.ndarray, " t"], largest_N: float) -> GelPad:
     if isinstance(fault, ForceLawFault):
         return replace(pad, force_N=straightened(pad.force_N, fault.a, largest_N=largest_N))
@@ -210,17 +199,23 @@ def corrected(recording: Recording, faults: Sequence[Fault], *, source: str = "r
 def _without(recording: Recording, fault: Fault, *, source: str) -> Recording:
     if isinstance(fault, LagFault):
         return _in_time(recording, fault.lag_s)
-    if isinstance(fault, GelFault):
-        return without_gel_fault(recording, fault)
     if isinstance(fault, ComplianceFault):
         return _stiff(recording, [fault.mm_per_N * _normal_N(pad) for pad in recording.pads])
     if isinstance(fault, RigFault):
         return _stiff(recording, _given_by_rig(recording, fault.curve, source))
-    corrected_pads = tuple(
-        _corrected_pad(pad, fault, recording.time_s) if pad.name == fault.pad else pad
-        for pad in recording.pads
-    )
-    return replace(recording, pads=corrected_pads)
+    if isinstance(fault, GelFault):
+        forces = [pad.force_N for pad in recording.pads if isinstance(pad, GelPad)]
+        largest = max((float(np.linalg.norm(force, axis=2).max()) for force in forces), default=0.0)
+        pads = tuple(
+            _gel_pad(pad, fault, recording.time_s, largest) if isinstance(pad, GelPad) else pad
+            for pad in recording.pads
+        )
+    else:
+        pads = tuple(
+            _corrected_pad(pad, fault, recording.time_s) if pad.name == fault.pad else pad
+            for pad in recording.pads
+        )
+    return replace(recording, pads=pads)
 
 
 def _corrected_pad(

@@ -76,7 +76,8 @@ def noise_sd(values: Float[np.ndarray, " t"]) -> float:
     if len(values) < 4:
         return 1e-12
     third = MAD * float(np.median(np.abs(np.diff(values, 3)))) / THIRD**0.5
-    return float(max(third, resolution(values) / 12**0.5, LEAST_SHARE * middle_range(values), 1e-12))
+    middle = float(np.ptp(np.percentile(values, [2, 98])))  # a few wild values do not change it
+    return float(max(third, resolution(values) / 12**0.5, LEAST_SHARE * middle, 1e-12))
 
 
 def resolution(values: Float[np.ndarray, " t"]) -> float:
@@ -88,9 +89,3 @@ def resolution(values: Float[np.ndarray, " t"]) -> float:
     steps = np.diff(np.unique(values))
     steps = steps[steps > 1e-9 * max(float(np.abs(values).max(initial=0.0)), 1e-300)]
     return float(steps.min()) if len(steps) else 0.0
-
-
-def middle_range(values: Float[np.ndarray, " t"]) -> float:
-    """Range from the 2nd to the 98th percentile: a few wild values do not change it."""
-    low, high = np.percentile(values, [2, 98])
-    return float(high - low)

@@ -70,7 +70,8 @@ def with_plain_jaw(
         return recording
     gel = next(pad for pad in recording.pads if isinstance(pad, GelPad))
     jaw = next(pad for pad in recording.pads if isinstance(pad, IndenterPad))
-    force_N = -np.einsum("tji,tj->ti", jaw.pose[:, :3, :3], _on_fruit_N(gel))
+    on_fruit_N = np.einsum("tij,tj->ti", gel.pose[:, :3, :3], gel.force_N.sum(axis=1))
+    force_N = -np.einsum("tji,tj->ti", jaw.pose[:, :3, :3], on_fruit_N)
     total = np.abs(gel.force_N[:, :, 2].sum(axis=1))
     peak = int(np.argmax(total))
     touch = max(int(np.argmax(total > FIRST_FORCE * total[peak])) - 1, 0)
@@ -95,11 +96,6 @@ def with_plain_jaw(
         force_scale_sd=gel.force_scale_sd,
     )
     return replace(recording, pads=tuple(stiff if pad is jaw else pad for pad in recording.pads))
-
-
-def _on_fruit_N(gel: GelPad) -> Float[np.ndarray, "t 3"]:
-    """The gel's resultant, fruit frame."""
-    return np.asarray(np.einsum("tij,tj->ti", gel.pose[:, :3, :3], gel.force_N.sum(axis=1)))
 
 
 def _outermost(

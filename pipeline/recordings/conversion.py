@@ -261,7 +261,8 @@ def _of_any_kind(source: Path, wanted: ConvertRequest, report: Callable[[str], N
         return read_field_table(
             source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor, topics=topics
         )
-    if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
+    below = [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source] * source.is_file()
+    if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in below):
         raise refused(source, FRAMES_ALONE)
     there = "is not a format that drupe converts" if source.exists() else "does not exist"
     raise refused(source, f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")
@@ -272,10 +273,6 @@ def _require_table(source: Path) -> None:
     if not source.is_file() or source.suffix.lower() not in TABLES:
         what = "is not a load cell's table; --columns, --units, --sheet and --run apply only to such tables."
         raise refused(source, what)
-
-
-def _in_and_below(source: Path) -> list[Path]:
-    return [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source] * source.is_file()
 
 
 def _without_rig(converted: Converted, source: Path, rig: Path | None) -> Converted:

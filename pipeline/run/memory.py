@@ -11,10 +11,8 @@ KEPT_FREE = 0.1
 """Share of the free memory that no fruit gets: the command itself and other programs grow. Set by hand."""
 
 
-def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float | None) -> int:
+def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float) -> int:
     """How many fruit memory holds at once: at least 1, at most `jobs`."""
-    if free_MiB is None:
-        return jobs
     return max(1, min(jobs, int(free_MiB // per_fruit_MiB)))
 
 

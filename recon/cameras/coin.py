@@ -58,19 +58,14 @@ class CoinScale:
     centre: tuple[float, float]
 
 
-def known_coins() -> dict[str, Coin]:
-    """The coins of coins.toml by name."""
-    table = tomllib.loads(files("recon").joinpath("coins.toml").read_text(encoding="utf-8"))
-    return {name: Coin(name=name, diameter_mm=d, thickness_mm=t) for name, (d, t) in table.items()}
-
-
 def coin_named(name: str) -> Coin:
-    """The coin of that name, in any case; raises ReconFailure (no-scale) that lists all coins.
+    """The coin of that name in coins.toml, in any case; raises ReconFailure (no-scale) that lists all coins.
 
     >>> coin_named("1 EURO").diameter_mm
     23.25
     """
-    coins = known_coins()
+    table = tomllib.loads(files("recon").joinpath("coins.toml").read_text(encoding="utf-8"))
+    coins = {name: Coin(name=name, diameter_mm=d, thickness_mm=t) for name, (d, t) in table.items()}
     same = {known.casefold(): coin for known, coin in coins.items()}
     if name.strip().casefold() in same:
         return same[name.strip().casefold()]

@@ -44,7 +44,8 @@ def fruit_points(
     ReconFailure: bad-geometry-model, mat-not-found (fewer corners than four tags have), no-fruit.
     """
     points, trust = point_maps(photos, model, providers=providers)
-    normals = _grid_normals(points)
+    normals = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=2))  # towards the camera
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
     usable = np.isfinite(trust)
     trusted = usable & (trust >= np.quantile(trust[usable], 1 - TRUSTED_SHARE))
     world, scale_sd = _world_from_tags(points, photos, mat)
@@ -133,9 +134,3 @@ def _world_from_tags(
     T, away = robust_similarity(source[known], target[known])
     spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))
     return T, float(np.hypot(np.sqrt(np.mean(away**2)) / spread, PRINT_SCALE_SD))
-
-
-def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s h w 3"]:
-    """Unit normals towards the camera, by central differences over neighbouring points."""
-    normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=2))
-    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12))

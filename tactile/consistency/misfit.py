@@ -19,6 +19,8 @@ from tactile.consistency.pressing import Pressing, pressing_of
 from tactile.readers.recording import GelPad, Recording
 from tactile.readers.sensor_model import PublishedGel
 
+SIGNALS = ("rest_mm", "displacement_mm", "force_N", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm")
+"""Fields of a pad on which its prepared signals depend."""
 LIMIT = 5.0
 """Log Bayes factor above which a transformation is named, and loss above which a relation fails. It means
 odds of 150, as many as there are relations and transformations, or 3.9 standard deviations."""
@@ -110,17 +112,12 @@ class Situation:
     def with_pads(self, pads: Sequence[GelPad]) -> "Situation":
         """The same with these pads; pads whose signals did not change are not prepared again."""
         ready = tuple(
-            replace(press, pad=pad) if _same_signals(press.pad, pad) else pressing_of(pad)
+            replace(press, pad=pad)
+            if all(getattr(press.pad, name) is getattr(pad, name) for name in SIGNALS)
+            else pressing_of(pad)
             for press, pad in zip(self.pressings, pads, strict=True)
         )
         return replace(self, recording=replace(self.recording, pads=tuple(pads)), pressings=ready)
-
-
-def _same_signals(pad: GelPad, other: GelPad) -> bool:
-    return all(
-        getattr(pad, name) is getattr(other, name)
-        for name in ("rest_mm", "displacement_mm", "force_N", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm")
-    )
 
 
 def abs_ln(ratio: float) -> float:

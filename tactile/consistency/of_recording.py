@@ -9,9 +9,7 @@ relation that no transformation corrects is named itself.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
-from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -40,7 +38,7 @@ from tactile.consistency.transformations import Transformation, of_machine, of_m
 from tactile.contact import STARTS_IN_CONTACT
 from tactile.readers.recording import GelPad, Recording
 from tactile.readers.sensor_model import PublishedGel
-from tactile.rig.rig_curve import RigCurve
+from tactile.rig.rig_curve import RigCurve, first_touch
 
 UNSURE = 0.3
 """Standard deviation of the jaws' displacement under force over the fruit's, above which E is a lower bound,
@@ -60,9 +58,7 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
     if len(pads) != len(recording.pads):
         return []
     force = np.mean([pad.force_N[:, :, 2].sum(axis=1) for pad in pads], axis=0)
-    peak = int(np.argmax(force))
-    below = np.flatnonzero(force[: peak + 1] < TOUCHED * force[peak])
-    touch = int(below[-1]) if len(below) else 0
+    peak, touch = int(np.argmax(force)), first_touch(force, TOUCHED)
     closing = -1.0 if recording.loading == "grasp" else 1.0
     travel = closing * float(recording.aperture_mm[peak] - recording.aperture_mm[touch])
     gels = sum(float(np.quantile(-pad.displacement_mm[peak, :, 2], DEEPEST)) for pad in pads)
@@ -293,14 +289,15 @@ def _explained(
             break
         before = _losses(misfits)
         comparisons = [
-            _compared(before, _losses(judge(transformation.undone)), transformation)
+            (*_compared(before, _losses(judge(transformation.undone))), transformation)
             for transformation in candidates(situation, failing)
         ]
-        comparisons.sort(key=attrgetter("log_factor"), reverse=True)
-        if comparisons and (best := comparisons[0].log_factor) > LIMIT:
-            ties = [comparison for comparison in comparisons if comparison.log_factor > best - LIMIT]
-            findings.append(_named(failing, ties))
-            situation = ties[0].transformation.undone
+        factors = np.array([gain + other.log_prior for gain, _, other in comparisons])
+        if factors.max(initial=0.0) > LIMIT:
+            ties = [k for k in np.argsort(-factors, kind="stable") if factors[k] > factors.max() - LIMIT]
+            _, improvement, best = comparisons[ties[0]]
+            findings.append(_named(failing, [comparisons[k][2] for k in ties], factors[ties], improvement))
+            situation = best.undone
             continue
         worst = max(failing, key=lambda misfit: misfit.loss)
         named.add(worst.kind)
@@ -310,15 +307,6 @@ def _explained(
     return findings, situation
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Comparison:
-    """A transformation with its log Bayes factor, and by how much it reduces each relation's loss."""
-
-    transformation: Transformation
-    log_factor: float
-    improvement: Losses
-
-
 def _losses(misfits: Sequence[Misfit]) -> Losses:
     losses: Losses = defaultdict(float)
     for misfit in misfits:
@@ -326,24 +314,31 @@ def _losses(misfits: Sequence[Misfit]) -> Losses:
     return losses
 
 
-def _compared(before: Losses, after: Losses, transformation: Transformation) -> _Comparison:
-    """A relation that cannot be computed afterwards keeps its loss; a new relation adds its loss."""
+def _compared(before: Losses, after: Losses) -> tuple[float, Losses]:
+    """Log likelihood ratio, and by how much each relation's loss falls. A relation that cannot be computed
+    afterwards keeps its loss; a new relation adds its loss.
+    """
     improvement = {key: loss - after.get(key, loss) for key, loss in before.items()}
     new = sum(loss for key, loss in after.items() if key not in before)
-    factor = sum(improvement.values()) - new + transformation.log_prior
-    return _Comparison(transformation=transformation, log_factor=factor, improvement=improvement)
+    return sum(improvement.values()) - new, improvement
 
 
-def _named(failing: Sequence[Misfit], ties: Sequence[_Comparison]) -> Finding:
-    """The best transformation and those that explain about as much; E's error is the weighted RMS of all."""
-    best = ties[0].transformation
-    improvement = ties[0].improvement
+def _named(
+    failing: Sequence[Misfit],
+    others: Sequence[Transformation],
+    log_factors: Float[np.ndarray, " n"],
+    improvement: Losses,
+) -> Finding:
+    """The first of the transformations, which explain about as much; E's error is the weighted RMS of all.
+
+    `log_factors`: log Bayes factors; `improvement`: by how much the first reduces each relation's loss.
+    """
+    best = others[0]
     shown = max(failing, key=lambda misfit: improvement.get((misfit.kind, misfit.pads, misfit.field), 0.0))
-    others = [comparison.transformation for comparison in ties]
     causes = list({(t.kind, t.field, t.detail): t.cause for t in reversed(others)}.values())[::-1]
     first = f"Cause: {causes[0]}" if len(causes) == 1 else f"Possible cause: {causes[0]}"
     listed = ". Another possible cause: ".join([first, *causes[1:]])
-    weights = np.exp([comparison.log_factor - ties[0].log_factor for comparison in ties])
+    weights = np.exp(log_factors - log_factors[0])
     sds = np.nan_to_num([t.relative_sd for t in others], nan=shown.relative_sd)
     same = [t for t in others if t.kind is best.kind]
     return doubted(

@@ -296,12 +296,6 @@ def _grid(press: Pressing) -> Iterator[Misfit]:
         yield Misfit(Kind.MARKERS_ORDER, (1 - max(similarity)) / NEIGHBOURS, says)
 
 
-def measured_pitch_mm(pad: GelPad) -> float | None:
-    """Root of the gel's area per marker; None if too few markers determine it."""
-    area_mm2 = marker_area_mm2(pad.rest_mm)
-    return None if area_mm2 is None else float(np.sqrt(area_mm2))
-
-
 def _sensor(pad: GelPad, known: PublishedGel) -> Iterator[Misfit]:
     """Misfits of stated stiffness and pitch with those published for the sensor's gel. Forces that were
     computed with a wrong stiffness fit it exactly, so that no other relation shows it.
@@ -311,8 +305,9 @@ def _sensor(pad: GelPad, known: PublishedGel) -> Iterator[Misfit]:
         off = abs_ln(stated / expected)
         says = f"{name} is {stated:g}, but {known.source} has {expected:.3g} ± {100 * sd:.2g} %"
         yield Misfit(Kind.STIFFNESS_NOT_OF_SENSOR, off / (PUBLISHED * sd), says, relative_sd=off)
-    pitch = measured_pitch_mm(pad)
-    if pitch is not None and known.pitch_mm is not None:
+    area_mm2 = marker_area_mm2(pad.rest_mm)
+    if area_mm2 is not None and known.pitch_mm is not None:
+        pitch = float(np.sqrt(area_mm2))
         off, sd = abs_ln(pitch / known.pitch_mm), known.pitch_sd
         says = (
             f"markers are {pitch:.3g} mm apart, but {known.source} has {known.pitch_mm:.3g} mm ± "

@@ -90,21 +90,16 @@ def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
     relative = intensity / np.maximum(shade, 1.0)
     best, best_look = 0.0, MarkerLook(radius_px=4.0, dark=True)
     for scale in SCALES[intensity.shape[0] / 10 > SCALES]:
+        around = np.ones((2 * int(np.ceil(1.5 * scale)) + 1,) * 2, np.uint8)
         laplacian = scale**2 * cv2.Laplacian(cv2.GaussianBlur(relative, (0, 0), scale), cv2.CV_32F, ksize=1)
         for dark in (True, False):
             answer = laplacian if dark else -laplacian
-            heights = answer[_maxima(answer, scale)]
+            heights = answer[(answer >= cv2.dilate(answer, around)) & (answer > 0.0)]
             strong = heights[heights > STRONG * np.quantile(heights, 0.9)] if len(heights) else heights
             score = float(np.median(strong) * len(strong) ** 0.25) if len(strong) > 3 else 0.0
             if score > best:
                 best, best_look = score, MarkerLook(radius_px=float(scale * np.sqrt(2.0)), dark=dark)
     return best_look
-
-
-def _maxima(answer: Float[np.ndarray, "h w"], scale: float) -> "np.ndarray":
-    side = 2 * int(np.ceil(1.5 * scale)) + 1
-    highest = cv2.dilate(answer, cv2.getStructuringElement(cv2.MORPH_RECT, (side, side)))
-    return np.asarray((answer >= highest) & (answer > 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)

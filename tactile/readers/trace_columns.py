@@ -90,7 +90,8 @@ def _units(
     notes = []
     for q, name in chosen.items():
         in_name = unit_of_name(name, q)
-        in_row = _in_row(row.get(q, ""), q)
+        cell = row.get(q, "")
+        in_row = with_factor(cell) or read_unit(cell, q) if cell else None
         named = f'{q} ("{name[:60]}")'
         for unit in (in_row, in_name):
             if isinstance(unit, NoUnit) and unit.other is not None:
@@ -195,11 +196,6 @@ def _no_unit(
     ways = "; ".join(f"{quantity} in {', '.join(EXAMPLES[quantity])}, ..." for quantity in missing)
     fault = f'{said} of {q} ("{chosen[q]}") in the file'
     return unusable(source, fault, f"its unit: give --units {whole}, or what it is in ({ways})")
-
-
-def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
-    """The unit that a cell of the row of units states; None if it is empty."""
-    return with_factor(cell) or read_unit(cell, quantity) if cell else None
 
 
 def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) -> TactileFailure:

@@ -14,6 +14,9 @@ MOST_BEYOND = 1.25
 """Largest force for extrapolation over the largest calibrated one, F. Set by hand: the standard deviation
 there includes an eighth of F times the last slope."""
 
+TOUCHED = 0.02
+"""Share of the largest force from which the object is touched. Set by hand."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RigCurve:
@@ -96,9 +99,10 @@ def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: st
     )
     at = int(np.argmax(force))
     travel = closing * recording.aperture_mm
+    since = float(travel[at] - travel[first_touch(force, TOUCHED)])
     notes = [
         (
-            f"{source}: of {float(travel[at] - travel[_touched(force)]):.3g} mm of travel since first "
+            f"{source}: of {since:.3g} mm of travel since first "
             f"contact, {give[at]:.3g} ± {sd[at]:.2g} mm at {largest:.3g} N belong to the rig ({named}); "
             "drupe subtracted them."
         )
@@ -111,10 +115,10 @@ def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: st
     return Converted(recording=corrected, notes=tuple(notes))
 
 
-def _touched(force: Float[np.ndarray, " t"]) -> int:
-    """The last frame before the peak with a force below a fiftieth of the largest; the first without any."""
+def first_touch(force: Float[np.ndarray, " t"], share: float) -> int:
+    """The last frame before the peak with a force below this share of the largest; the first without any."""
     peak = int(np.argmax(force))
-    below = np.flatnonzero(force[: peak + 1] < 0.02 * force[peak])
+    below = np.flatnonzero(force[: peak + 1] < share * force[peak])
     return int(below[-1]) if len(below) else 0
 
 

@@ -8,7 +8,9 @@ import numpy as np
 from file_damage import Change, with_array, with_bytes, with_hdf5
 
 
-def _field(name: str, make: Callable[[np.ndarray], object]) -> Change:
+def field(name: str, make: Callable[[np.ndarray], object]) -> Change:
+    """The field made anew of its values."""
+
     def change(file: h5py.File) -> None:
         values = file[name][()]
         del file[name]
@@ -17,7 +19,9 @@ def _field(name: str, make: Callable[[np.ndarray], object]) -> Change:
     return with_hdf5(change)
 
 
-def _lies(name: str, how: str) -> Change:
+def lies(name: str, how: str) -> Change:
+    """Something else in the place of the field: a link, values elsewhere, no numbers."""
+
     def change(file: h5py.File) -> None:
         shape = file[name].shape
         if how == "moved":
@@ -48,13 +52,16 @@ def _lies(name: str, how: str) -> Change:
     return with_hdf5(change)
 
 
-def _set(values: np.ndarray, number: float) -> np.ndarray:
+def with_last(values: np.ndarray, number: float, at: tuple[int, ...] | None = None) -> np.ndarray:
+    """The values with this number in their last place, or at `at`."""
     out = np.array(values, np.float64)
-    out[(-1,) * out.ndim] = number
+    out[at or (-1,) * out.ndim] = number
     return out
 
 
-def _attribute(place: str, name: str, value: object) -> Change:
+def attribute(name: str, value: object, place: str = "/") -> Change:
+    """The attribute of a group with this value; None: removed."""
+
     def change(file: h5py.File) -> None:
         held = file[place].attrs
         if value is None:
@@ -75,16 +82,16 @@ def recordings() -> dict[str, Change]:
     said: dict[str, Change] = {}
     for name in fields:
         for number in (np.nan, np.inf, -np.inf, 1e300, -1e30):
-            said[f"{name}: {number:g}"] = _field(name, partial(_set, number=number))
+            said[f"{name}: {number:g}"] = field(name, partial(with_last, number=number))
         for factor in (1e3, 1e-3, 1e6, -1.0, 0.0):
-            said[f"{name}: times {factor:g}"] = _field(name, lambda v, f=factor: v * f)
-        said[f"{name}: a frame less"] = _field(name, lambda v: v[:-1])
-        said[f"{name}: empty"] = _field(name, lambda v: v[:0])
-        said[f"{name}: backwards"] = _field(name, lambda v: v[::-1])
-        said[f"{name}: a scalar"] = _field(name, lambda _: 1.0)
+            said[f"{name}: times {factor:g}"] = field(name, lambda v, f=factor: v * f)
+        said[f"{name}: a frame less"] = field(name, lambda v: v[:-1])
+        said[f"{name}: empty"] = field(name, lambda v: v[:0])
+        said[f"{name}: backwards"] = field(name, lambda v: v[::-1])
+        said[f"{name}: a scalar"] = field(name, lambda _: 1.0)
         said[f"{name}: removed"] = with_hdf5(lambda file, n=name: file.__delitem__(n))
         for how in ("moved", "external", "raw", "claimed", "chunk", "virtual", "group", "text", "objects"):
-            said[f"{name}: {how}"] = _lies(name, how)
+            said[f"{name}: {how}"] = lies(name, how)
     pads = [
         ("pads/left", n) for n in ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm", "thickness_mm", "E_MPa", "nu")
     ]
@@ -103,7 +110,7 @@ def recordings() -> dict[str, Change]:
     )
     for place, name in (*root, *pads):
         for k, value in enumerate(values):
-            said[f"attribute {name}: {k}"] = _attribute(place, name, value)
+            said[f"attribute {name}: {k}"] = attribute(name, value, place)
     return said
 
 

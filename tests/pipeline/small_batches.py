@@ -4,6 +4,7 @@ import hashlib
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -20,6 +21,13 @@ CLASSES = (
     f'{NECTARINE}[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n[[grading.classes]]\nname = "firm"\n'
 )
 """Settings with two classes of maturity."""
+
+
+def wait_until(happened, seconds=60):
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 def run(*words: object) -> tuple[int, str]:

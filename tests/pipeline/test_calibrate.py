@@ -2,7 +2,6 @@
 
 import json
 import tomllib
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -81,9 +80,6 @@ def draft(tmp_path: Path) -> Path:
     return path
 
 
-run = partial(command, "calibrate")
-
-
 def test_a_load_cell_gives_the_modulus_of_the_gel(draft: Path, tmp_path: Path) -> None:
     """The cell reads 1.3 times what the gel reads with the modulus of its description."""
     press, rng = tmp_path / "press", np.random.default_rng(1)
@@ -112,11 +108,6 @@ def test_a_load_cell_gives_the_modulus_of_the_gel(draft: Path, tmp_path: Path) -
     out = tmp_path / "made" / "sensor.toml"
     said_with(0, "calibrate", draft, out, "--load-cell", press)
     assert read_sensor(out).E_MPa == pytest.approx(1.3 * 0.2, rel=0.01)
-
-
-def test_what_a_calibration_needs_is_named(draft: Path, tmp_path: Path) -> None:
-    said = run(draft, tmp_path / "o.toml")[1]
-    assert "For a sensor give --load-cell. For a rig give --rigid" in said
 
 
 def test_a_description_is_written_as_it_was_read() -> None:
@@ -193,9 +184,12 @@ def test_a_rig_is_written_again_and_nobody_elses_file_is(tmp_path: Path) -> None
         (("--rigid", "ball"), "--rigid calibrates a rig and needs --size-mm"),
         (("--size-mm", "40"), "add --rigid ball"),
         ((*RIGID, "--load-cell", "press"), "which calibrates a sensor"),
+        ((), "For a sensor give --load-cell. For a rig give --rigid"),
     ],
 )
-def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
+def test_options_of_rig_and_sensor_do_not_mix_and_one_is_needed(
+    tmp_path: Path, words: tuple[str, ...], said: str
+) -> None:
     code, output = command("calibrate", write_trace(tmp_path / "s.csv", 0), tmp_path / "rig.toml", *words)
     assert code != 0
     assert said in " ".join(output.replace("│", " ").split())

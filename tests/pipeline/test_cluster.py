@@ -13,7 +13,6 @@ import socket
 import stat
 import subprocess
 import sys
-import time
 from collections import Counter
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -25,7 +24,7 @@ from cluster_work import graded_unless_it_dies, needs_of, patient, work
 from dask.utils import parse_bytes
 from distributed import Client, LocalCluster, Security
 from rich.console import Console
-from small_batches import batch_of_balls
+from small_batches import batch_of_balls, wait_until
 
 from pipeline.batch.records import read_record
 from pipeline.problem import BatchRefused
@@ -156,13 +155,6 @@ def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monk
     assert kept == first  # the process that worked on it
     assert "1 of 2 fruit unchanged since the last run" in said
     assert f"cluster at {address}: 2 workers" in said
-
-
-def wait_until(happened, seconds=60):
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def free_port():

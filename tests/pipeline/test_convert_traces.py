@@ -95,16 +95,9 @@ def test_every_unit_comes_out_in_seconds_newtons_and_millimetres(
 
 @pytest.mark.parametrize(
     ("suffix", "mark", "comma"),
-    [
-        ("csv", ";", True),
-        ("txt", "\t", False),
-        ("tsv", "\t", True),
-        ("txt", " ", False),
-        ("txt", "  ", True),
-        ("csv", ",", False),
-        ("csv", ", ", False),
-    ],
-)
+    [("csv", ";", True), ("txt", "\t", False), ("tsv", "\t", True), ("txt", " ", False), ("txt", "  ", True),
+     ("csv", ",", False), ("csv", ", ", False)],
+)  # fmt: skip
 def test_every_delimiter_with_a_mark_and_lines_above_the_table(
     tmp_path: Path, suffix: str, mark: str, comma: bool
 ) -> None:
@@ -184,10 +177,16 @@ def test_a_bad_table_is_refused_with_its_row_or_column(
         (("--units", "force=MPa"), "which is a pressure or stress, not a force; give N, kN, mN"),
         (("--units", "force=lbf"), "in N by its name and in lbf by --units"),
         (("--units", "pressure=Pa"), 'holds "pressure=Pa"'),
+        (
+            ("--units", "gap=um"),
+            '--units of gap, where time ("time_s"), force ("force_N"), travel ("travel_mm")',
+        ),
+        (("--columns", "time=time_s,force=time_s,travel=travel_mm"), "one column named for two quantities"),
+        *((f"--run={run}", "the number of a run (from 1), or all") for run in ("0", "x", "-1", "1.5")),
     ],
 )
-def test_an_option_that_says_nothing_is_refused(tmp_path: Path, options: tuple[str, str], words: str) -> None:
-    assert words in refused(tmp_path, written(tmp_path), *options)
+def test_an_option_that_says_nothing_is_refused(tmp_path: Path, options: str | tuple, words: str) -> None:
+    assert words in refused(tmp_path, written(tmp_path), *np.atleast_1d(options))
 
 
 def test_names_and_numbers_that_spaces_part_are_counted(tmp_path: Path) -> None:
@@ -197,12 +196,6 @@ def test_names_and_numbers_that_spaces_part_are_counted(tmp_path: Path) -> None:
     written(tmp_path, *columns, header="Time Axial Force Pos", mark=" ", name="t.txt")
     said = refused(tmp_path, source, "--columns", NAMES, "--units", "time=s,force=N,travel=mm")
     assert "4 names above 3 columns of numbers, apart by spaces" in said
-
-
-def test_a_unit_of_what_is_not_read_is_refused(tmp_path: Path) -> None:
-    said = refused(tmp_path, written(tmp_path), "--units", "gap=um")
-    assert "--units of gap, where" in said
-    assert 'travel ("travel_mm")' in said
 
 
 def test_columns_of_what_is_no_table_are_refused(tmp_path: Path) -> None:
@@ -229,12 +222,10 @@ def test_a_quotation_mark_that_does_not_end_is_refused_and_no_row_is_lost(tmp_pa
 
 
 def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
-    offset = 2 * float(PRESSED.max())
-    said = said_with(
-        0, "convert", written(tmp_path, TIMES, GONE, PRESSED - offset), tmp_path / "out.h5", *BALL
-    )
+    low = PRESSED - 2 * float(PRESSED.max())
+    said = said_with(0, "convert", written(tmp_path, TIMES, GONE, low), tmp_path / "out.h5", *BALL)
     assert "reversed its sign" not in said
-    np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
+    np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], low, atol=1e-6)
 
 
 @pytest.mark.parametrize("rows", [3, 20])
@@ -244,11 +235,8 @@ def test_rows_at_the_end_that_were_never_written_are_one_note(tmp_path: Path, ro
     assert f"{rows} rows at the end" in converted(tmp_path, source)
 
 
-def test_one_column_is_not_two_quantities_and_text_may_be_called_xls(tmp_path: Path) -> None:
-    source = written(tmp_path, name="t.xls", header=HEADER.replace(",", "\t"), mark="\t")
-    converted(tmp_path, source)
-    said = refused(tmp_path, source, "--columns", "time=time_s,force=time_s,travel=travel_mm")
-    assert "one column named for two quantities" in said
+def test_text_may_be_called_xls(tmp_path: Path) -> None:
+    converted(tmp_path, written(tmp_path, name="t.xls", header=HEADER.replace(",", "\t"), mark="\t"))
 
 
 @pytest.mark.parametrize("mark", [";", "\t", ",", "|"])
@@ -308,11 +296,18 @@ def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
         np.testing.assert_allclose(force, (1 + 0.1 * k) * PRESSED, atol=1e-6)
 
 
+LACKING = np.where(np.arange(30) == 9, np.nan, PRESSED)
+
+
+def all_runs(folder: Path, *forces: np.ndarray) -> str:
+    """What the conversion of a table with these runs says, some of which cannot be written."""
+    body = [table("", TIMES, GONE, force).lstrip() for force in forces]
+    (folder / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
+    return said_with(3, "convert", folder / "t.csv", folder / "all.h5", *BALL, "--run", "all")
+
+
 def test_a_bad_run_is_named_and_costs_no_other_run(tmp_path: Path) -> None:
-    lacking = np.where(np.arange(30) == 9, np.nan, PRESSED)
-    body = [table("", TIMES, GONE, force).lstrip() for force in (PRESSED, lacking, 1.2 * PRESSED)]
-    (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
-    said = said_with(3, "convert", tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
+    said = all_runs(tmp_path, PRESSED, LACKING, 1.2 * PRESSED)
     assert f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 1 of 30 rows" in said
     assert [f"wrote {tmp_path / f'all-{k}.h5'}\n" in said for k in (1, 2, 3)] == [True, False, True]
     assert sorted(path.name for path in tmp_path.glob("*.h5")) == ["all-1.h5", "all-3.h5"]
@@ -320,11 +315,8 @@ def test_a_bad_run_is_named_and_costs_no_other_run(tmp_path: Path) -> None:
 
 
 def test_a_file_of_an_earlier_conversion_is_named_if_its_run_fails_now(tmp_path: Path) -> None:
-    lacking = np.where(np.arange(30) == 9, np.nan, PRESSED)
-    for second in (PRESSED, lacking):
-        body = [table("", TIMES, GONE, force).lstrip() for force in (PRESSED, second, lacking)]
-        (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
-        said = said_with(3, "convert", tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
+    all_runs(tmp_path, PRESSED, PRESSED, LACKING)
+    said = all_runs(tmp_path, PRESSED, LACKING, LACKING)
     first, last = [line for line in said.splitlines() if line.startswith("drupe: did not write")]
     earlier = ". The file there is of an earlier conversion; remove it."
     assert first.startswith(f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 1 of 30 rows")
@@ -334,18 +326,10 @@ def test_a_file_of_an_earlier_conversion_is_named_if_its_run_fails_now(tmp_path:
 
 
 def test_every_fault_of_a_table_without_a_usable_run_is_named(tmp_path: Path) -> None:
-    runs = [np.where(np.arange(30) < 9 + lacking, PRESSED, np.nan) for lacking in (20, 18)]
-    body = [table("", TIMES, GONE, force).lstrip() for force in runs]
-    (tmp_path / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
-    said = said_with(3, "convert", tmp_path / "t.csv", tmp_path / "all.h5", *BALL, "--run", "all")
+    said = all_runs(tmp_path, *(np.where(np.arange(30) < whole, PRESSED, np.nan) for whole in (29, 27)))
     assert f"drupe: did not write {tmp_path / 'all-1.h5'}: t.csv: found 1 of 30 rows" in said
     assert f"drupe: did not write {tmp_path / 'all-2.h5'}: t.csv: found 3 of 30 rows" in said
     assert not list(tmp_path.glob("*.h5"))
-
-
-@pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
-def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
-    assert "the number of a run (from 1), or all" in refused(tmp_path, written(tmp_path), f"--run={text}")
 
 
 CYLINDER = ("--indenter", "plates", "--specimen", "cylinder", "--height-mm", "12", "--diameter-mm", "15")
@@ -470,9 +454,8 @@ def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(s
 
 def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
     source = pressed(tmp_path / "t.csv", lambda d: 0.9 * d**1.5, 4.0)
-    answer = explained(
-        tmp_path, 'category = "nectarine"\naxis = "b"\n', source, options=(*FRUIT, "--category", "nectarine")
-    )
+    case, options = 'category = "nectarine"\naxis = "b"\n', (*FRUIT, "--category", "nectarine")
+    answer = explained(tmp_path, case, source, options=options)
     notes = " ".join(answer["notes"])
     assert "drupe uses the category's pit, 0.44 of the fruit's diameter" in notes
     assert "axis is c in the recording but b in case.toml; drupe uses the latter" in notes

@@ -201,7 +201,6 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     assert jobs_that_fit(8, per_fruit_MiB=1000, free_MiB=3500) == 3
     assert jobs_that_fit(2, per_fruit_MiB=1000, free_MiB=3500) == 2
     assert jobs_that_fit(8, per_fruit_MiB=1000, free_MiB=10) == 1
-    assert jobs_that_fit(8, per_fruit_MiB=1000, free_MiB=None) == 8
     photos = SimpleNamespace(fruit_ply=Path("/nowhere"), without_shape=lambda: False)
     said = []
     console = SimpleNamespace(print=lambda text, **_: said.append(text))

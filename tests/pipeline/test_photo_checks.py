@@ -105,30 +105,14 @@ def test_a_damaged_model_is_named_before_the_first_fruit(batch, damage):
 
 
 @pytest.mark.parametrize(
-    ("shapes", "words"),
-    [
-        (
-            {"side": 64},
-            "takes the inputs {'images': ['n', 3, 64, 64]}; "
-            'expected one input "images" of shape (n, 3, 192, 192)',
-        ),
-        (
-            {"output": "depth"},
-            "takes the inputs {'images': ['n', 3, 192, 192]}; "
-            'expected one input "images" of shape (1, S, 3, H, W)',
-        ),
-    ],
+    ("shapes", "side", "expected"),
+    [({"side": 64}, 64, "(n, 3, 192, 192)"), ({"output": "depth"}, 192, "(1, S, 3, H, W)")],
 )
-def test_a_model_with_other_inputs_is_named_before_the_first_fruit(batch, shapes, words):
+def test_a_model_with_other_inputs_is_named_before_the_first_fruit(batch, shapes, side, expected):
     with_model(batch, **shapes)
     (line,) = said_of_model(batch)
-    assert words in line
-
-
-def test_a_missing_model_is_one_problem(batch):
-    with_model(batch).unlink()
-    (line,) = said_of_model(batch)
-    assert "is not a file" in line
+    inputs = f"takes the inputs {{'images': ['n', 3, {side}, {side}]}}"
+    assert f'{inputs}; expected one input "images" of shape {expected}' in line
 
 
 def test_the_model_is_opened_once_and_only_for_photos(batch, monkeypatch):
@@ -321,7 +305,9 @@ SPOILT = {
 }
 
 
-def test_sound_photos_leave_nothing_to_say(photo_batch):
+def test_sound_photos_leave_nothing_to_say_nor_do_any_of_the_views_without_a_mat(photo_batch):
+    assert said_of_photos(photo_batch) == []
+    (photo_batch / "mat.json").unlink()
     assert said_of_photos(photo_batch) == []
 
 
@@ -350,11 +336,6 @@ def test_an_unreadable_heic_is_named_in_a_quick_check_too(photo_batch):
     assert sentence.startswith("fruits/N01/photos/100.HEIC: The photo 100.HEIC in ")
     assert "is damaged or was cut short" in sentence
     assert not remark
-
-
-def test_without_a_mat_nothing_is_said_of_the_views(photo_batch):
-    (photo_batch / "mat.json").unlink()
-    assert said_of_photos(photo_batch) == []
 
 
 def kept_ball(mesh_from_fruit, *warnings):
@@ -424,13 +405,10 @@ def made():
     )  # fmt: skip
 
 
-def test_only_a_photo_that_could_not_be_joined_shares_too_little(made):
+def test_only_a_photo_that_could_not_be_joined_shares_too_little_and_on_a_mat_none(made):
     said_of_photos = _lacking(made, NAMES)
     assert "4.jpg overlaps too little" in said_of_photos
     assert "5.jpg shares" not in said_of_photos
-
-
-def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
     assert "overlaps too little" not in _lacking(replace(made, frame="mat"), NAMES)
 
 

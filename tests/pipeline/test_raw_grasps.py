@@ -4,13 +4,12 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 from drawn_gel import drawn, grid
 from raw_folder import CENTRE, FRAMES, replaced, write_picture, write_raw
 from refusals import refused
-from small_batches import DATA, batch_of_nectarines
+from small_batches import DATA
 
 from pipeline.batch.layout import FruitFolder, raw_grasp_files
 from pipeline.fruit import grasped
@@ -200,13 +199,6 @@ def test_check_says_that_a_reference_bears_a_print_and_a_clip_of_the_empty_gel_m
     assert about_references(batch) == []
 
 
-def test_check_refuses_a_reference_outside_the_batch(batch):
-    new = 'sensor = "left.toml"\nreference = "../../../../../x.png"'
-    replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
-    (said,) = about_references(batch)
-    assert "pads.left.reference: found ../../../../../x.png, which leads out of the batch" in said
-
-
 def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further(batch, tmp_path):
     """The left gel is loaded in its reference alone."""
     print_on_the_reference(batch)
@@ -241,18 +233,3 @@ def test_the_named_clip_is_in_the_key_of_what_is_kept(batch, tmp_path, monkeypat
     write_picture(batch / "empty" / "frame_000000.png", drawn(grid() + 0.5, noise=1.0))
     kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
     assert len(calls) == 2
-
-
-def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(tmp_path):
-    batch_of_nectarines(tmp_path, "A")
-    with h5py.File(tmp_path / "fruits" / "A" / "grasps" / "grasp-1.h5", "r+") as file:
-        frames = len(file["time_s"])
-        file["pads/left/force_N"][...] *= 1e-6
-        file["pads/left/print_shown"] = np.full(frames, 3.0)
-    (said,) = [str(problem) for problem in check(tmp_path)]
-    assert (
-        "the left pad's pictures show a contact imprint (3.0 times the limit for an empty gel), yet its force"
-        in said
-    )
-    assert "the gel is under load from frame 0 on" in said
-    assert "never touches" not in said

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from small_batches import python
+from small_batches import python, wait_until
 
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.run.runner import MOST_BYTES, LinesOf, LocalPool
@@ -161,13 +161,6 @@ def test_a_killed_run_leaves_no_process_behind(tmp_path, work):
     finally:
         if psutil.pid_exists(worker):
             os.kill(worker, signal.SIGKILL)
-
-
-def wait_until(happened, seconds=60):
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def like_metis(mark, report):

@@ -177,22 +177,6 @@ def test_a_pitch_that_is_not_the_sensors_is_doubted(sound, scale):
     assert kinds(changed(sound[:1], rest_mm=plane, force_N=scale**2)) == {FindingKind.PITCH_NOT_OF_SENSOR}
 
 
-def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():
-    sources = [
-        [gel.source for gel in known_gels(name, None)]
-        for name in (
-            "GelSight Mini, marked gel",
-            "gelsight-mini",
-            "Tac3D A1-0040R",
-            "20x20 marker gel",
-            "gel",
-        )
-    ]
-    model = 'the sensor model "{}"'
-    names = ["gelsight-mini", "gelsight-mini", "tac3d", "marker-gel-20x20"]
-    assert sources == [*([model.format(name)] for name in names), []]
-
-
 OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, UnseenGain(shared=0.03, independent=0.004), 0.03
 OWN_GAIN_OF_E = E_PER_GAIN * HIDDEN_GAIN.independent
 

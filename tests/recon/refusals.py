@@ -13,8 +13,10 @@ FAILURES = {FemProblem: FemFailure, ReconProblem: ReconFailure, TactileProblem: 
 
 
 @contextmanager
-def refused(problem: FemProblem | ReconProblem | TactileProblem, words: str | None = None) -> Iterator[None]:
-    """What runs inside is refused for this problem, with these words (a regular expression)."""
+def refused(
+    problem: FemProblem | ReconProblem | TactileProblem, words: str | None = None
+) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """What runs inside is refused for this problem, with these words (a regular expression); the failure."""
     with pytest.raises(FAILURES[type(problem)], match=words) as caught:
-        yield
+        yield caught
     assert caught.value.problem is problem

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
+from PIL import ExifTags, Image
 from refusals import refused
 
 from recon.cameras import photos
@@ -30,12 +31,12 @@ def test_a_progressive_jpeg_has_the_limit_of_what_is_decoded_whole(tmp_path, mon
     for progressive in (0, 1):
         cv2.imwrite(str(tmp_path / f"{progressive}.jpg"), image, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])
     assert read_photo(tmp_path / "0.jpg").image.shape == image.shape
-    with pytest.raises(ReconFailure) as caught:
-        read_photo(tmp_path / "1.jpg")
-    assert (
+    words = (
         "has 80 x 64 pixels in a progressive JPEG; expected at most 0.004 million pixels: save it as a "
-        "baseline JPEG, make it smaller or remove it." in caught.value.detail
+        "baseline JPEG, make it smaller or remove it."
     )
+    with refused(ReconProblem.UNREADABLE_PHOTO, words):
+        read_photo(tmp_path / "1.jpg")
 
 
 def png(width, height):
@@ -64,9 +65,8 @@ def png(width, height):
 def test_what_cannot_be_a_photo_is_refused_before_it_is_decoded(tmp_path, data, said):
     path = tmp_path / "a.png"
     path.write_bytes(data)
-    with pytest.raises(ReconFailure) as caught:
+    with refused(ReconProblem.UNREADABLE_PHOTO, re.escape(said)):
         read_photo(path)
-    assert said in caught.value.detail
 
 
 def test_a_phones_200_megapixels_are_decoded_at_a_share_of_their_sides(tmp_path):
@@ -128,7 +128,7 @@ def test_only_visible_files_are_photos(folder):
     ("name", "spoil", "words"),
     [
         ("1.jpg", lambda data: data[: len(data) // 2], "cut short"),
-        ("1.jpg", lambda data: with_small_picture(data)[: len(data) // 2], "cut short"),
+        ("1.jpg", lambda data: with_header(data, b"\xff\xd8 small \xff\xd9")[: len(data) // 2], "cut short"),
         ("1.jpg", lambda data: b"", "is empty"),
         ("1.jpg", lambda data: b"not a picture", "no picture"),
         ("1.heic", lambda data: HEIC.read_bytes()[:600], "no picture that can be decoded"),
@@ -142,16 +142,15 @@ def test_a_corrupt_photo_is_named(folder, name, spoil, words):
         read_photos(folder)
 
 
-def with_small_picture(jpeg: bytes) -> bytes:
-    """A JPEG whose headers hold a picture with an end marker of its own."""
-    small = b"\xff\xd8 small \xff\xd9"
-    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", 2 + len(small)) + small + jpeg[2:]
+def with_header(jpeg: bytes, held: bytes) -> bytes:
+    """A JPEG with these bytes in a header of its own: Exif, or a picture with an end marker."""
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", 2 + len(held)) + held + jpeg[2:]
 
 
 def test_big_photos_shrink_with_their_focal_length(tmp_path):
-    path = tmp_path / "big.jpg"
-    cv2.imwrite(str(path), np.zeros((300, 400, 3), np.uint8))
-    path.write_bytes(_with_exif(path.read_bytes(), focal_35mm=27))
+    path, exif = tmp_path / "big.jpg", Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 27
+    Image.new("RGB", (400, 300)).save(path, exif=exif)
     photo = read_photo(path, longest_side_px=200)
     assert photo.image.shape == (150, 200, 3)
     assert photo.focal_px == pytest.approx(27 / 36 * 200)
@@ -160,18 +159,8 @@ def test_big_photos_shrink_with_their_focal_length(tmp_path):
 def test_exif_is_never_needed(folder):
     assert read_photo(folder / "0.jpg").focal_px is None
     jpeg = (folder / "0.jpg").read_bytes()
-    broken = b"Exif\x00\x00II*\x00\xff\xff\xff\x00"
-    block = b"\xff\xe1" + struct.pack(">H", 2 + len(broken)) + broken
-    (folder / "1.jpg").write_bytes(jpeg[:2] + block + jpeg[2:])
+    (folder / "1.jpg").write_bytes(with_header(jpeg, b"Exif\x00\x00II*\x00\xff\xff\xff\x00"))
     assert read_photo(folder / "1.jpg").focal_px is None
-
-
-def _with_exif(jpeg: bytes, *, focal_35mm: int) -> bytes:
-    head = b"II*\x00" + struct.pack("<I", 8)
-    first = struct.pack("<H", 1) + struct.pack("<HHII", 0x8769, 4, 1, 26) + struct.pack("<I", 0)
-    second = struct.pack("<H", 1) + struct.pack("<HHIHH", 0xA405, 3, 1, focal_35mm, 0) + struct.pack("<I", 0)
-    body = b"Exif\x00\x00" + head + first + second
-    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + jpeg[2:]
 
 
 def test_a_phones_heic_is_read_with_its_colours_and_focal_length(tmp_path):

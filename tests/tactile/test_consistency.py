@@ -24,6 +24,7 @@ from recording_mistakes import (
     slab_pad,
     without,
 )
+from refusals import refused
 
 from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.consistency.faults import (
@@ -114,7 +115,7 @@ def test_every_second_or_third_marker_is_among_the_causes_of_its_gain(nectarine_
     recording, mesh = nectarine_grasp
     first, *_ = findings(without(lambda pad: np.arange(len(pad.rest_mm)) % count != 0)(recording), mesh)
     assert first.refused
-    assert f"or the arrays hold only one of every {count} markers" in first.sentence
+    assert f"Another possible cause: the arrays hold only one of every {count} markers" in first.sentence
 
 
 def test_two_mistakes_are_named_one_after_the_other(nectarine_grasp):
@@ -447,11 +448,9 @@ def test_a_print_without_a_force_is_a_contradiction_with_its_cause(
     assert said[0].pads == ("left",)
     assert cause in said[0].sentence
     assert "reference = ... in grasp.toml" in said[0].sentence
-    with pytest.raises(TactileFailure) as caught:
+    with refused(TactileProblem.IMPLAUSIBLE_RECORDING, re.escape(cause)) as caught:
         find_contact(broken, source="g.h5")
-    assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
     assert "never touches" not in str(caught.value)
-    assert cause in str(caught.value)
 
 
 def test_a_print_that_comes_later_without_a_force_names_the_other_causes(sound: Recording) -> None:
@@ -466,10 +465,9 @@ def test_a_print_that_comes_later_without_a_force_names_the_other_causes(sound: 
 
 
 def test_a_pad_without_a_print_still_never_touches(sound: Recording) -> None:
-    with pytest.raises(TactileFailure, match="close the jaws farther") as caught:
+    words = "close the jaws farther.* If it does touch, the reference may be under the same load as"
+    with refused(TactileProblem.NEVER_TOUCHES, words):
         find_contact(changed(sound, shown(0.6)), source="g.h5")
-    assert caught.value.problem is TactileProblem.NEVER_TOUCHES
-    assert "If it does touch, the reference may be under the same load as the frames" in str(caught.value)
     with pytest.raises(TactileFailure, match=r"close the jaws farther\.$"):
         find_contact(changed(sound, lambda pad: {"force_N": shown(0.0)(pad)["force_N"]}), source="g.h5")
 

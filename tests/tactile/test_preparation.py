@@ -67,9 +67,8 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
 
     _, (correction,) = prepare(lost(6))
     assert correction.rows == tuple(range(202, 208))
-    with pytest.raises(TactileFailure) as caught:
+    with pytest.raises(TactileFailure, match=r"40 of 600 rows \(6\.7%\) wild or missing"):
         prepare(lost(40))
-    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.detail
 
 
 def test_each_block_of_rows_that_were_never_written_has_its_own_note():
@@ -89,9 +88,9 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     force = 6 * np.maximum(travel - 0.5, 0)
     force[row:] -= force[row]
     force += 0.01 * np.random.default_rng(0).standard_normal(300)
-    with pytest.raises(TactileFailure, match="zeroed under load, or the specimen broke") as caught:
+    words = f"at row {row + 2}, and no frames in air .*zeroed under load, or the specimen broke"
+    with pytest.raises(TactileFailure, match=words):
         prepare(logged(travel, force))
-    assert f"at row {row + 2}, and no frames in air" in caught.value.detail
 
 
 def drawn(time_s, *, ramp_s, start_s, noise_N, rng, fall_s=None):
@@ -177,14 +176,9 @@ def test_a_gain_is_taken_out_of_its_own_pad_alone(true):
 
 
 def test_a_drift_is_taken_out_of_the_total_and_leaves_shear_alone(true):
-    def drifting(pad):
-        force = pad.force_N.copy()
-        force[:, :, 2] += 0.05 * (true.time_s - true.time_s[0])[:, None] / force.shape[1]
-        return replace(pad, force_N=force)
-
-    recorded = with_pads(true, drifting, "right")
-    total = [r.pads[1].force_N[:, :, 2].sum(axis=1) for r in (recorded, true)]
-    assert np.polyfit(true.time_s, total[0] - total[1], 1)[0] == pytest.approx(0.05)
+    grown = np.zeros((len(true.time_s), 1, 3))
+    grown[:, 0, 2] = 0.05 * (true.time_s - true.time_s[0]) / true.pads[1].force_N.shape[1]
+    recorded = with_pads(true, lambda pad: replace(pad, force_N=pad.force_N + grown), "right")
     same(corrected(recorded, [DriftFault(pad="right", newton_per_s=0.05)]), true)
 
 

@@ -4,12 +4,16 @@ A recording reads no other file, asks for no more memory than there is, and hold
 """
 
 import os
+import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from damaged_recordings import attribute, field, lies, recordings, with_last
+from file_damage import with_hdf5
 from injected_grasp import with_pads
 from refusals import refused
 
@@ -64,226 +68,123 @@ def test_a_press_stands_on_its_base_unless_it_says_otherwise(injected, tmp_path)
     assert read_recording(tmp_path / "a.h5").support == "base"
 
 
-def instead(name, make=lambda file: None):
-    """A change that removes `name` and lets `make` put something in its place."""
-
-    def change(file):
-        del file[name]
-        make(file)
-
-    return change
-
-
-def put(name, change_values):
-    def change(file):
-        values = np.array(file[name])
-        del file[name]
-        file[name] = change_values(values)
-
-    return change
-
-
-def attribute(name, held, of="/", dtype=None):
-    def change(file):
-        if held is None:
-            del file[of].attrs[name]
-        else:
-            file[of].attrs.create(name, held, dtype=dtype)
-
-    return change
-
-
-def value(name, number, at=None):
-    def change(file):
-        file[name][at or (0,) * file[name].ndim] = number
-
-    return change
-
-
-def soft_link(file):
-    file.move("time_s", "elsewhere")
-    file["time_s"] = h5py.SoftLink("/elsewhere")
-
-
-def virtual(file):
-    frames = len(file["time_s"])
-    layout = h5py.VirtualLayout(shape=(frames,), dtype="f8")
-    layout[:] = h5py.VirtualSource("other.h5", "time_s", shape=(frames,))
-    del file["aperture_mm"]
-    file.create_virtual_dataset("aperture_mm", layout)
-
-
-def markers_at(places):
-    def change(file):
-        count = len(places)
-        for name in ("rest_mm", "displacement_mm", "force_N"):
-            held = file[f"pads/left/{name}"][...]
-            del file[f"pads/left/{name}"]
-            file[f"pads/left/{name}"] = places if name == "rest_mm" else held[:, :count]
-
-    return change
-
-
-NEEDED = (
-    "time_s",
-    "aperture_mm",
-    "pads",
-    "pads/right",
-    "pads/left/pose",
-    "pads/left/rest_mm",
-    "pads/left/force_N",
-    "pads/right/displacement_mm",
-)
-REFUSALS = {
-    **{f"no {name}": (instead(name), name) for name in NEEDED},
-    **{f"no {name}": (attribute(name, None), f"attribute {name}") for name in ("fruit_id", "version")},
-    "a type for a field": (
-        instead("aperture_mm", lambda f: f.update({"aperture_mm": np.dtype("f8")})),
-        "aperture_mm",
-    ),
-    "empty time": (
-        instead("time_s", lambda f: f.create_dataset("time_s", data=h5py.Empty("f8"))),
-        "time_s",
-    ),
-    "an empty text": (attribute("sensor", h5py.Empty("S1")), "attribute sensor"),
-    "time in HDF5's time type, which no array can hold": (
-        instead(
-            "time_s",
-            lambda f: h5py.h5d.create(f.id, b"time_s", h5py.h5t.UNIX_D32LE, h5py.h5s.create_simple((60,))),
-        ),
-        "time_s",
-    ),
-    "no format": (attribute("format", None), "attribute format"),
-    "another format": (attribute("format", "something-else"), "attribute format"),
-    "an unknown loading": (attribute("loading", "squeeze"), "attribute loading"),
-    "a number for a sensor": (attribute("sensor", 3), "attribute sensor"),
-    "time that starts again": (put("time_s", lambda v: np.tile(v[: len(v) // 2], 2)), "time_s"),
-    "time as text": (put("time_s", lambda v: [str(x) for x in v]), "time_s"),
-    "a short aperture": (put("aperture_mm", lambda v: v[:-1]), "aperture_mm"),
-    "a five-column wrench": (lambda f: f.create_dataset("wrench_N", data=np.ones((60, 5))), "wrench_N"),
-    "a certainty below nothing": (
-        lambda f: f.create_dataset("pads/left/certainty", data=np.full(60, -0.5)),
-        "pads/left/certainty",
-    ),
-    "a pose too few": (put("pads/left/pose", lambda v: v[1:]), "pads/left/pose"),
-    "a pose in metres and scaled": (put("pads/left/pose", lambda v: v * 1.01), "pads/left/pose"),
-    "a mirroring pose": (put("pads/left/pose", lambda v: v * [-1, 1, 1, 1]), "pads/left/pose"),
-    "rest in the plane": (put("pads/left/rest_mm", lambda v: v[:, :2]), "pads/left/rest_mm"),
-    "a marker less": (put("pads/left/displacement_mm", lambda v: v[:, 1:]), "pads/left/displacement_mm"),
-    "infinite displacement": (
-        value("pads/left/displacement_mm", np.inf),
-        "pads/left/displacement_mm",
-    ),
-    "a soft gel below zero": (
-        attribute("gel_kt_MPa_per_mm", -1.0, "pads/left"),
-        "attribute gel_kt_MPa_per_mm of /pads/left",
-    ),
-    "a link to another file": (
-        instead("time_s", lambda f: f.update({"time_s": h5py.ExternalLink("other.h5", "/time_s")})),
-        "time_s: found a link",
-    ),
-    "a linked group": (
-        instead("pads/left", lambda f: f.update({"pads/left": h5py.ExternalLink("/dev/zero", "/")})),
-        "pads/left: found a link",
-    ),
-    "a link inside": (soft_link, "time_s: found a link"),
-    "values of another recording": (virtual, "aperture_mm: found values kept in another file"),
-    "values of another file": (
-        instead(
-            "aperture_mm",
-            lambda f: f.create_dataset("aperture_mm", (58,), "f8", external=[("/etc/passwd", 0, 8 * 58)]),
-        ),
-        "aperture_mm: found values kept in another file",
-    ),
-    "more values than memory": (
-        instead("time_s", lambda f: f.create_dataset("time_s", (10**9,), "f8", chunks=(1024,))),
-        "time_s: found contents that are damaged, or take more than 500 MB of memory to read, expected",
-    ),
-    "a chunk larger than memory": (
-        instead(
-            "time_s",
-            lambda f: f.create_dataset("time_s", (58,), "f8", chunks=(10**9,), maxshape=(None,)),
-        ),
-        "time_s",
-    ),
-    "a place beyond use": (
-        value("pads/left/rest_mm", 1e300),
-        "pads/left/rest_mm: found 1e+300 at index (0, 0), expected at most 500 ",
-    ),
-    "a force beyond use": (
-        value("pads/left/force_N", 1e30),
-        "pads/left/force_N: found 1e+30 at index (0, 0, 0), expected at most",
-    ),
-    "an aperture in um": (
-        value("aperture_mm", 60_000.0),
-        "aperture_mm: found 60000 at index (0,), expected at most",
-    ),
-    "next to no normal stiffness": (
-        attribute("gel_kn_MPa_per_mm", 1e-300, "pads/left"),
-        "attribute gel_kn_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm",
-    ),
-    "next to no Poisson's ratio": (
-        attribute("nu", 1e-300, "pads/left"),
-        "attribute nu of /pads/left: found 1e-300, expected 0.1 to 0.4999;",
-    ),
-    "a text in another code": (
-        attribute("fruit_id", b"\xff\xfe", dtype="S2"),
-        "attribute fruit_id: found bytes that are no UTF-8",
-    ),
-    "a name of 5000 letters": (
-        attribute("fruit_id", "x" * 5000),
-        "attribute fruit_id: found 5000 characters",
-    ),
-    "an array for a sensor": (attribute("sensor", np.zeros(8000)), "attribute sensor: found"),
-    "markers in a row": (
-        markers_at(np.array([[2.0 * i, 0.0, 0.0] for i in range(20)])),
-        "pads/left/rest_mm: found 20 markers on one line in x and y, expected at least 3 that are not on "
-        "one line; write each marker's own x, y, z.",
-    ),
-    "markers in one place": (
-        markers_at(np.zeros((5, 3))),
-        "pads/left/rest_mm: found 5 markers in one place in x and y",
-    ),
-    "two markers": (
-        markers_at(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])),
-        "pads/left/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all",
-    ),
-    "every second marker without values": (
-        put("pads/left/force_N", lambda v: np.where(np.arange(v.shape[1])[:, None] % 2, v, np.nan)),
-        "pads/left/force_N: found NaN or infinite values: 19662, the first at index (0, 0, 0), in 113 of "
-        "225 markers, expected finite numbers; repair or drop those frames in the recorder, or take those "
-        "markers out of rest_mm and of both fields alike.",
-    ),
-    "reversed dimensions": (
-        put("pads/left/pose", lambda v: v.T),
-        "pads/left/pose: found shape (4, 4, 58), expected shape (58, 4, 4); the dimensions are reversed, as "
-        "MATLAB writes them: permute them before h5write.",
-    ),
-    "NaN in one place": (
-        value("pads/left/force_N", np.nan, at=(3, 5, 1)),
-        "pads/left/force_N: found NaN or infinite values: 1, the first at index (3, 5, 1)",
-    ),
-}
+DAMAGED = recordings()
+DAMAGE = [
+    *(name for name in DAMAGED if re.fullmatch("pads/left/force_N: (?!times|backwards|chunk).*", name)),
+    *(f"{name}: removed" for name in ("time_s", "aperture_mm", "pads/left/pose", "pads/left/rest_mm")),
+    *(f"attribute {name}: 0" for name in ("fruit_id", "version", "format")),  # removed
+    *(f"attribute gel_kt_MPa_per_mm: {k}" for k in range(10)),
+    *(f"attribute sensor: {k}" for k in (0, 1, 6, 8, 9)),
+]
+"""A field and a constant damaged in every way, and the others removed (tests/batch/damaged_recordings.py)."""
 
 
 def refusal(path, recording, change):
     write_recording(path / "grasp-7.h5", recording)
-    with h5py.File(path / "grasp-7.h5", "a") as file:
-        change(file)
-    with pytest.raises(TactileFailure) as caught:
+    change(path / "grasp-7.h5", np.random.default_rng(0))
+    with refused(TactileProblem.UNREADABLE_RECORDING) as caught:
         read_recording(path / "grasp-7.h5")
-    assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", REFUSALS)
-def test_refused_with_file_field_found_expected_and_advice(name, injected, tmp_path):
-    change, said = REFUSALS[name]
-    sentence = refusal(tmp_path, injected.recording, change)
-    assert sentence.startswith(f"grasp-7.h5: {said if ': found' in said else said + ': found '}")
-    assert ", expected " in sentence
-    assert "; " in sentence
-    assert "\n" not in sentence
+@pytest.mark.parametrize("name", DAMAGE)
+def test_damage_is_refused_with_file_field_found_expected_and_advice(name, injected, tmp_path):
+    sentence = refusal(tmp_path, injected.recording, DAMAGED[name])
+    place = name.rsplit(": ", 1)[0]
+    assert re.fullmatch(rf"grasp-7\.h5: {place}( of /pads/left)?: found .*, expected .*; .*\.", sentence)
+
+
+def markers_at(places):
+    def change(file):
+        for name in ("displacement_mm", "force_N"):
+            held = file[f"pads/left/{name}"][:, : len(places)]
+            del file[f"pads/left/{name}"]
+            file[f"pads/left/{name}"] = held
+        del file["pads/left/rest_mm"]
+        file["pads/left/rest_mm"] = places
+
+    return with_hdf5(change)
+
+
+def added(name, values):
+    return with_hdf5(lambda file: file.create_dataset(name, data=values))
+
+
+def replaced(name, make):
+    def change(file):
+        del file[name]
+        make(file)
+
+    return with_hdf5(change)
+
+
+def clock(file):
+    """HDF5's time type, which no array can hold."""
+    h5py.h5d.create(file.id, b"time_s", h5py.h5t.UNIX_D32LE, h5py.h5s.create_simple((60,)))
+
+
+LEFT = "pads/left"
+IN_A_ROW = np.array([[2.0 * i, 0.0, 0.0] for i in range(20)])
+SAID = [
+    (replaced("pads", lambda f: None), "pads: found "),
+    (replaced("pads/right", lambda f: None), "pads/right: found "),
+    (replaced("pads/right/displacement_mm", lambda f: None), "pads/right/displacement_mm: found "),
+    (replaced("aperture_mm", lambda f: f.update({"aperture_mm": np.dtype("f8")})), "aperture_mm: found "),
+    (replaced("time_s", lambda f: f.create_dataset("time_s", data=h5py.Empty("f8"))), "time_s: found "),
+    (replaced("time_s", clock), "time_s: found "),
+    (replaced(LEFT, lambda f: f.update({LEFT: h5py.ExternalLink("/dev/zero", "/")})), "pads/left: found a"),
+    (attribute("sensor", h5py.Empty("S1")), "attribute sensor: found "),
+    (attribute("format", "something-else"), "attribute format: found "),
+    (attribute("loading", "squeeze"), "attribute loading: found "),
+    (attribute("fruit_id", np.bytes_(b"\xff\xfe")), "attribute fruit_id: found bytes that are no UTF-8"),
+    (attribute("fruit_id", "x" * 5000), "attribute fruit_id: found 5000 characters"),
+    (attribute("gel_kn_MPa_per_mm", 1e-300, LEFT),
+     "attribute gel_kn_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm"),
+    (attribute("nu", 1e-300, LEFT), "attribute nu of /pads/left: found 1e-300, expected 0.1 to 0.4999;"),
+    (field("time_s", lambda v: np.tile(v[: len(v) // 2], 2)), "time_s: found "),
+    (field("aperture_mm", lambda v: v[:-1]), "aperture_mm: found "),
+    (field("aperture_mm", lambda v: v.astype("S8")), "aperture_mm: found values of type"),
+    (added("wrench_N", np.ones((60, 5))), "wrench_N: found "),
+    (added(f"{LEFT}/certainty", np.full(60, -0.5)), f"{LEFT}/certainty: found "),
+    (field(f"{LEFT}/pose", lambda v: v[1:]), f"{LEFT}/pose: found "),
+    (field(f"{LEFT}/pose", lambda v: v * 1.01), f"{LEFT}/pose: found "),
+    (field(f"{LEFT}/pose", lambda v: v * [-1, 1, 1, 1]), f"{LEFT}/pose: found "),
+    (field(f"{LEFT}/rest_mm", lambda v: v[:, :2]), f"{LEFT}/rest_mm: found "),
+    (field(f"{LEFT}/displacement_mm", lambda v: v[:, 1:]), f"{LEFT}/displacement_mm: found "),
+    (lies("time_s", "external"), "time_s: found a link"),
+    (lies("time_s", "moved"), "time_s: found a link"),
+    (lies("aperture_mm", "virtual"), "aperture_mm: found values kept in another file"),
+    (lies("aperture_mm", "raw"), "aperture_mm: found values kept in another file"),
+    (lies("time_s", "chunk"), "time_s: found "),
+    (lies("time_s", "claimed"),
+     "time_s: found contents that are damaged, or take more than 500 MB of memory to read, expected"),
+    (field(f"{LEFT}/rest_mm", partial(with_last, number=1e300, at=(0, 0))),
+     f"{LEFT}/rest_mm: found 1e+300 at index (0, 0), expected at most 500 "),
+    (field(f"{LEFT}/force_N", partial(with_last, number=1e30, at=(0, 0, 0))),
+     f"{LEFT}/force_N: found 1e+30 at index (0, 0, 0), expected at most"),
+    (field("aperture_mm", partial(with_last, number=6e4, at=(0,))),
+     "aperture_mm: found 60000 at index (0,), expected at most"),
+    (field(f"{LEFT}/force_N", partial(with_last, number=np.nan, at=(3, 5, 1))),
+     f"{LEFT}/force_N: found NaN or infinite values: 1, the first at index (3, 5, 1)"),
+    (field(f"{LEFT}/force_N", lambda v: np.where(np.arange(v.shape[1])[:, None] % 2, v, np.nan)),
+     f"{LEFT}/force_N: found NaN or infinite values: 19662, the first at index (0, 0, 0), in 113 of 225 "
+     "markers, expected finite numbers; repair or drop those frames in the recorder, or take those markers "
+     "out of rest_mm and of both fields alike."),
+    (field(f"{LEFT}/pose", lambda v: v.T),
+     f"{LEFT}/pose: found shape (4, 4, 58), expected shape (58, 4, 4); the dimensions are reversed, as "
+     "MATLAB writes them: permute them before h5write."),
+    (markers_at(IN_A_ROW),
+     f"{LEFT}/rest_mm: found 20 markers on one line in x and y, expected at least 3 that are not on one "
+     "line; write each marker's own x, y, z."),
+    (markers_at(np.zeros((5, 3))), f"{LEFT}/rest_mm: found 5 markers in one place in x and y"),
+    (markers_at(IN_A_ROW[:2]),
+     f"{LEFT}/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "said"), SAID, ids=[said[:60] for _, said in SAID])
+def test_what_a_recording_cannot_hold_is_said(change, said, injected, tmp_path):
+    assert refusal(tmp_path, injected.recording, change).startswith(f"grasp-7.h5: {said}")
 
 
 @pytest.mark.parametrize("name", ["half.h5", "head.h5", "empty.h5", "text.h5", "absent.h5"])
@@ -328,8 +229,7 @@ def test_the_version_may_be_a_number_of_any_type_as_other_languages_write_it(tmp
 @pytest.mark.parametrize("version", [2, 1.5, [1, 1], "1", True, [True], [2.0], np.nan])
 def test_another_version_is_refused_in_any_type(tmp_path, injected, version):
     said = refusal(tmp_path, injected.recording, attribute("version", version))
-    assert "attribute version: found" in said
-    assert "expected version 1" in said
+    assert re.search("attribute version: found .*expected version 1", said)
 
 
 def test_a_pipe_a_device_and_a_link_to_nothing_are_refused_at_once(tmp_path):
@@ -344,10 +244,9 @@ def test_a_pipe_a_device_and_a_link_to_nothing_are_refused_at_once(tmp_path):
 def test_a_name_that_is_not_utf8_is_refused_and_shown_with_its_bytes(tmp_path, injected):
     path = tmp_path / b"grasp-\xff1.h5".decode(errors="surrogateescape")
     write_recording(path, injected.recording)
-    with pytest.raises(TactileFailure) as caught:
-        read_recording(path)
     said = r"grasp-\xff1.h5: the file: found a name that is not UTF-8, expected letters, digits, - and _"
-    assert caught.value.detail == f"{said}; rename it."
+    with pytest.raises(TactileFailure, match=re.escape(f"{said}; rename it.")):
+        read_recording(path)
 
 
 def test_a_link_to_a_recording_is_followed(tmp_path, injected):
@@ -457,11 +356,8 @@ def test_a_wrong_field_is_named(
 ) -> None:
     assert written_as in MONO
     path = written(tmp_path, MONO.replace(written_as, instead))
-    with pytest.raises(TactileFailure) as caught:
+    with refused(TactileProblem.UNREADABLE_SENSOR, rf"sensor\.toml: {field}: found .*{re.escape(fault)}"):
         read_sensor(path)
-    assert caught.value.problem is TactileProblem.UNREADABLE_SENSOR
-    assert str(caught.value).startswith(f"sensor.toml: {field}: found ")
-    assert fault in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
