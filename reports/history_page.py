@@ -53,7 +53,7 @@ def _groups(history: HistoryEntry) -> Iterator[tuple[str, str]]:
 
 
 def _named(groups: dict[str, str], text: str) -> str:
-    """A text that begins with category, cultivar and lot in English, with these in the language in force.
+    """A text of category, cultivar, lot, day and size in English, with these in the language in force.
 
     >>> with spoken("de"):
     ...     _named({"plum Jojo": "Pflaume Jojo"}, "plum Jojo, lot 7, 2026-08-14")
@@ -66,6 +66,9 @@ def _named(groups: dict[str, str], text: str) -> str:
                 rest = f", {say('lot')} {rest.removeprefix(', lot ')}"
             elif rest.startswith(", without a lot"):
                 rest = f", {say('without a lot')}{rest.removeprefix(', without a lot')}"
+            head, comma, size = rest.rpartition(", size ")
+            if comma:
+                rest = f"{head}, {say('size')} {say('not stated') if size == 'not stated' else size}"
             return f"{translated}{rest}"
     return text
 

@@ -36,7 +36,9 @@ from reports.language import ENGLISH, decimals, language_in_force, say, words_of
 _FIELD = re.compile(r"(?:\{\d\})+")
 """A placeholder. Adjacent ones count as one, because nothing marks where the first ends."""
 _FIGURE = re.compile(r"(?!.*\d\.\d+\.\d)(?:[-+±\d./^()=% ]|MPa|[kNE]\b)*\d(?:[-+±\d./^()=% ]|MPa|[kNE]\b)*")
-"""A number, a value with its deviation, or an equation of E; no date and no version."""
+"""A number, a value with its deviation, a day or an equation of E; no version."""
+MOST_FIGURE = 80
+"""Most characters of a figure: the time of a search grows with their square."""
 MOST_NAME = 300
 """Most characters before a colon that may name a recording or a file."""
 _CONJUNCTIONS = frozenset({"and", "of", "or", "times"})
@@ -120,7 +122,7 @@ def _message(text: str, language: str) -> str | None:
         return f"{open_end}."
     for stop in re.finditer(r"\.(?= )", text):
         first = _whole(text[: stop.end()], language) or _whole(text[: stop.start()], language)
-        if first is None and _FIGURE.fullmatch(text[: stop.start()]):
+        if first is None and _is_figure(text[: stop.start()]):
             first = decimals(text[: stop.start()])
         if first is not None:
             rest = text[stop.end() + 1 :]
@@ -144,8 +146,12 @@ def _whole(text: str, language: str) -> str | None:
     return None
 
 
+def _is_figure(text: str) -> bool:
+    return len(text) <= MOST_FIGURE and _FIGURE.fullmatch(text) is not None
+
+
 def _part(text: str, language: str) -> str:
-    if _FIGURE.fullmatch(text):
+    if _is_figure(text):
         return decimals(text)
     return _message(text, language) or _effect_names(text, language) or text
 

@@ -24,7 +24,7 @@ CLASSES = {
 FIRST = date(2026, 8, 1)
 ENGLISH = r"""(?ix)\b(?:the|of|and|or|with|without|is|are|was|were|in\ doubt|left\ out|lots?|fruit(?!s/)|
 day|days|first|mean|reads|against|needs?|more|accept|reject|below|already|about|known|gripper|
-trials|bodies|found|missing|plunger|nectarine|batch|batches)\b"""
+size|stated|open|end|to|on|trials|bodies|found|missing|plunger|nectarine|batch|batches)\b"""
 
 
 def results(root, rng, *, day, lot, gripper, graded_after=0, doubted=0):
