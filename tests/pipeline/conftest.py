@@ -41,6 +41,11 @@ def finder(monkeypatch):
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", graded_case)
+
+    def finer_flesh(*_, grasps):
+        return f"for {grasps} grasps"
+
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "finer_flesh", finer_flesh)
     monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
     monkeypatch.setattr(explain_page, "map_picture", partial(map_picture, view_px=50))
     return handed

@@ -17,6 +17,7 @@ import pipeline.fruit.grasped
 from drupe import DrupeError, explain, explain_fruit, read_recording
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.result import Modulus, Where
+from pipeline.fruit import flesh_model
 from pipeline.problem import known_names
 from recon.surface.mesh_file import read_mesh
 from tactile.readers.recording import IndenterPad, Recording, write_recording
@@ -54,6 +55,7 @@ def test_the_finder_is_handed_the_whole_case_and_the_jobs_while_blas_keeps_to_on
     assert finder["blas threads"] == {1}, "threads of BLAS beside those of the finder hinder each other"
     handed = finder["case"]
     assert [grasp.name for grasp in handed.grasps] == ["grasp-1", "grasp-2"]
+    assert handed.finer_mesh == "for 2 grasps"
     assert (handed.budget.surface_sd_mm, handed.budget.pit_offset_sd_mm) == (0.12, 0.4)
     assert handed.budget.poisson_ratio_sd == 0.015
     (left, right), history = handed.grasps[0].pads, handed.grasps[0].history
@@ -75,6 +77,27 @@ def test_recordings_that_grading_has_no_modulus_of_are_explained_all_the_same(
     assert "the grasps contradict each other" in " ".join(
         json.loads((tmp_path / "a.json").read_text())["notes"]
     )
+
+
+def test_the_finder_keeps_the_mesh_of_grading_where_a_finer_one_fails(drupe, finder, case, monkeypatch):
+    def fails(*_, grasps):
+        raise FemFailure(FemProblem.INVERTED_ELEMENTS, "3 elements are inverted")
+
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "finer_flesh", fails)
+    said = drupe("explain", case, status=0).out
+    assert finder["case"].finer_mesh is None
+    assert "uses the mesh of grading for the plain model: 3 elements are inverted." in said
+
+
+@pytest.mark.parametrize(("grasps", "dof_limit"), [(2, None), (3, 90_000), (20, 240_000)])
+def test_a_finer_mesh_is_made_for_three_grasps_or_more(grasps, dof_limit, monkeypatch):
+    """Beside a mesh of grading with 60,000 degrees of freedom."""
+    monkeypatch.setattr(flesh_model, "refined", lambda *_, dof_limit, **__: dof_limit)
+    task = SimpleNamespace(settings=SimpleNamespace(mesh=SimpleNamespace(edge_mm=5.0, pad_edge_mm=None)))
+    pit = SimpleNamespace(skin=(None, None), vertices=None, faces=())
+    mesh = SimpleNamespace(nodes_mm=np.zeros((20_000, 3)))
+    made = flesh_model.finer_flesh(task, pit, mesh, np.zeros((1, 3)), grasps=grasps)
+    assert made == dof_limit
 
 
 def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder, case):
