@@ -43,6 +43,7 @@ from fem.mismatch.effects import (
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.effects.slip import LEVEL_MM, slip_path
 from fem.mismatch.evidence.friction_cone import ShearRatios
+from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.kinds import pit_change
 from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.mismatch_case import MismatchCase
@@ -244,6 +245,17 @@ def test_the_plain_response_is_that_of_the_finer_mesh(with_finer_mesh):
         fits = plain_fits(model.base)
         left.append(np.mean([fit.residual_rms_mm for fit in fits]))
     assert left[1] < 0.5 * left[0]
+
+
+def test_what_a_finer_mesh_adds_is_not_exact_for_other_laws(with_finer_mesh):
+    """A column of the plain model has its field, and takes it back where the data say so."""
+    (column,) = [each for each in common_nuisances(with_finer_mesh) if each.name == "finer mesh"]
+    for recording, field in zip(with_finer_mesh.grasps, column.fields, strict=True):
+        back = recording.excess(with_finer_mesh.compliance) + field.markers
+        coarse = recording.over_time(recording.response)
+        np.testing.assert_allclose(back, recording.excess(with_finer_mesh.compliance, coarse), atol=1e-12)
+    coarse_alone = small_strain_model(injected_case(noise=0.0))
+    assert "finer mesh" not in [each.name for each in common_nuisances(coarse_alone)]
 
 
 def test_effects_of_no_size_leave_the_response_of_the_finer_mesh(with_finer_mesh):

@@ -1,11 +1,11 @@
 """Nuisances: uncertain quantities of fruit, pad and mesh, with priors; never reported as effects.
 
 Common to all recordings: the pit's place and size and Poisson's ratio, each with its prior, the dents' depth,
-and the amounts of large deformation and of the fruit's rotation. Each recording's own: undulations of the
-scanned surface, the pads' places on it, and the pads' approach at each load. No model is exact to a
-micrometre, so each pad of each recording may also deviate by NORMAL_DISCREPANCY of its response. It may do so
-in any smooth pattern over its patch, in proportion to the load or to its square. An effect acts on all
-recordings by one law; these nuisances do not, which separates them.
+the share of a finer mesh's response, and the amounts of large deformation and of the fruit's rotation. Each
+recording's own: undulations of the scanned surface, the pads' places on it, and the pads' approach at each
+load. No model is exact to a micrometre, so each pad of each recording may also deviate by NORMAL_DISCREPANCY
+of its response. It may do so in any smooth pattern over its patch, in proportion to the load or its square.
+An effect acts on all recordings by one law; these nuisances do not, which separates them.
 """
 
 import numpy as np
@@ -30,6 +30,9 @@ SMALLEST_POISSON_SD = 0.005
 DENT = 0.04
 """Relative standard deviation of the depth of the dent under a patch. Markers a millimetre apart resolve the
 pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
+FINER_MESH = 0.5
+"""Relative standard deviation of what a finer mesh adds to the response. It is computed for the plain law; an
+effect changes it, and a stiff skin suppresses it. Set by hand."""
 APPROACH = 0.003
 """Standard deviation of a pad's approach at one load, as a share of its response at the greatest. While a
 patch spans a few markers, they determine its pressure to some percent only."""
@@ -59,7 +62,15 @@ def common_nuisances(model: CaseModel) -> list[Regressor]:
         for recording in model.grasps
     ]
     columns.append(Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent)))
-    return [*columns, *beyond_small_strain(model)]
+    return [*columns, *_finer_mesh(model), *beyond_small_strain(model)]
+
+
+def _finer_mesh(model: CaseModel) -> list[Regressor]:
+    """The column of the error of what a finer mesh adds, if the case has such a mesh."""
+    if model.case.finer_mesh is None:
+        return []
+    fields = [ObservationDelta(markers=model.compliance * recording.added) for recording in model.grasps]
+    return [Regressor(name="finer mesh", sd=FINER_MESH, fields=fields)]
 
 
 def own_nuisances(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
