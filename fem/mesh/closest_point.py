@@ -115,7 +115,7 @@ class TriangleSearch:
         owner, tried = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         while len(left):
             count = min(count, tree.n)
-            distance, at = tree.query(points_mm[left], k=np.arange(1, count + 1))
+            distance, at = map(np.asarray, tree.query(points_mm[left], k=np.arange(1, count + 1)))
             ends = (distance[:, -1] > bound[left] + largest_mm) | (count == tree.n)
             near = (distance <= bound[left, None] + self.radius[members[at]]) & ends[:, None]
             who, which = np.nonzero(near)
