@@ -163,17 +163,17 @@ def case_model(
     """The plain model at the median 1/E of the recordings, and its fits. `solids`: already factorised, by
     support. `most_frames`: of each recording (None: all). `beyond_small_strain`: as in CaseModel.
     """
+    registered = plain_model(case, solids=solids, workers=workers)
+    before = _median_compliance(plain_fits(registered))
     first = CaseModel(
-        base=plain_model(case, solids=solids, workers=workers),
-        compliance=1.0,
+        base=registered,
+        compliance=before,
         path_share=TOUCH_SHARE,
         beyond_small_strain=beyond_small_strain,
         workers=workers,
     )
-    before = _median_compliance(plain_fits(first.base))
-    first = replace(first, compliance=before)
-    base = with_touched_skin(first.base, _moved_mm(first), most_frames=most_frames, workers=workers)
-    base = with_finer_mesh(base, workers=workers)
+    touched = with_touched_skin(registered, _moved_mm(first), most_frames=most_frames, workers=workers)
+    base = with_finer_mesh(touched, workers=workers)
     fits = plain_fits(base)
     compliance = _median_compliance(fits)
     scale = compliance / before if compliance > 0 and before > 0 else 1.0

@@ -300,7 +300,7 @@ LACKING = np.where(np.arange(30) == 9, np.nan, PRESSED)
 
 
 def all_runs(folder: Path, *forces: np.ndarray) -> str:
-    """What the conversion of a table with these runs says, some of which cannot be written."""
+    """The message of the conversion of a table with these runs; drupe cannot write some of them."""
     body = [table("", TIMES, GONE, force).lstrip() for force in forces]
     (folder / "t.csv").write_text(f"{HEADER}\n{''.join(body)}")
     return said_with(3, "convert", folder / "t.csv", folder / "all.h5", *BALL, "--run", "all")

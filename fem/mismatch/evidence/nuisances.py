@@ -31,8 +31,8 @@ DENT = 0.04
 """Relative standard deviation of the depth of the dent under a patch. Markers a millimetre apart resolve the
 pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
 FINER_MESH = 0.5
-"""Relative standard deviation of what a finer mesh adds to the response. It is computed for the plain law; an
-effect changes it, and a stiff skin suppresses it. Set by hand."""
+"""Relative standard deviation of what a finer mesh adds to the response. It is computed for the plain law. A
+stiff skin suppresses it (docs/decisions/0017): nothing is left at two standard deviations. Set by hand."""
 APPROACH = 0.003
 """Standard deviation of a pad's approach at one load, as a share of its response at the greatest. While a
 patch spans a few markers, they determine its pressure to some percent only."""

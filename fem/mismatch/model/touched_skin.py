@@ -1,14 +1,13 @@
 """Markers' places on the undeformed skin, corrected for its displacement before each marker's touch.
 
 Registration takes the point of the scanned surface straight behind a marker. When a marker at the rim of a
-patch touches, the middle of the patch has already moved the skin there outward, by a tenth of a millimetre in
-soft fruit:
+patch touches, the middle of the patch has already moved the skin there aside:
 
     X = x_registered - (u - rigid part)_t,       u halfway between the touch and the frame before
 
-t: tangential part. The rigid part over each pad is the fruit's motion or the pad's place, both unknown. u is
-that of large deformation, which cancels most of the tangential part of s c: without it, places in soft fruit
-are 30 to 40 um off, and 1/E changes by 0.4 %.
+t: tangential part. The rigid part over each pad is the fruit's motion or the pad's place, both unknown. In
+soft fruit s c moves the skin along the pad by a tenth of a millimetre, and large deformation moves most of it
+back. u includes both: without the second, places are 30 to 40 um off, and 1/E changes by 0.4 %.
 """
 
 from dataclasses import replace
