@@ -16,7 +16,7 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.evidence.beyond_small_strain import beyond_small_strain
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.force_noise import OfInnerChange, OfResponse
+from fem.mismatch.model.force_noise import OfFinerMesh, OfInnerChange, OfResponse
 from fem.mismatch.model.inner_changes import inner_changes, slid_response
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import GraspResponse
@@ -70,7 +70,7 @@ def _finer_mesh(model: CaseModel) -> list[Regressor]:
     if model.case.finer_mesh is None:
         return []
     fields = [ObservationDelta(markers=model.compliance * recording.added) for recording in model.grasps]
-    return [Regressor(name="finer mesh", sd=FINER_MESH, fields=fields)]
+    return [Regressor(name="finer mesh", sd=FINER_MESH, fields=fields, of_forces=OfFinerMesh())]
 
 
 def own_nuisances(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:

@@ -59,8 +59,9 @@ WeighedMarkers: TypeAlias = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndar
 class ForceNoise:
     """p draws of one recording's noise, each by patterns r; s is the plain model's 1/E.
 
-    `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r at all nodes (E = 1 MPa), `response` at the
-    markers. `weighed`: W e. `adjoint`: K0^-1 L g_r at all nodes, `adjoint_response` at the markers.
+    `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r at all nodes (E = 1 MPa). `response`: C df_r
+    at the markers, of the finer mesh if the recording has it. `weighed`: W e. `adjoint`: K0^-1 L g_r at all
+    nodes, `adjoint_response` at the markers.
     """
 
     compliance: float
@@ -75,6 +76,10 @@ class ForceNoise:
     def of_draws(self, products: Float[np.ndarray, " p"]) -> float:
         """Mean over draws, times the share of frames kept: frames left out contribute to the patterns too."""
         return float(products.mean()) * self.recording.kept
+
+    def with_weighed(self, fields: Float[np.ndarray, "p f n 3"]) -> float:
+        """n of a field that each draw has at the markers."""
+        return self.of_draws(np.einsum("pfnx,pfnx->p", fields, self.weighed))
 
     def solved(self, loads: Float[np.ndarray, "p r m 3"]) -> Float[np.ndarray, "p f n 3"]:
         """s sum_r a_r(t) L' K0^-1 b_r at the markers, with b_r the nodal loads of the first patterns."""
@@ -158,11 +163,26 @@ class OfResponse:
 
     def product(self, noise: ForceNoise) -> float:
         """Directly."""
-        return noise.of_draws(np.einsum("pfnx,pfnx->p", self.fields(noise), noise.weighed))
+        return noise.with_weighed(self.fields(noise))
 
     def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
         """Without a solve."""
         return np.stack([self.part(noise.recording, draw) for draw in noise.over_time(noise.response)])
+
+
+@dataclass(frozen=True)
+class OfFinerMesh:
+    """phi = s (c - L' U): what the finer mesh adds (fem.mismatch.model.finer_mesh)."""
+
+    def product(self, noise: ForceNoise) -> float:
+        """Directly."""
+        return noise.with_weighed(self.fields(noise))
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """Without a solve."""
+        moved = noise.moved.reshape(-1, *noise.moved.shape[2:])
+        coarse = noise.recording.at_markers(moved).reshape(noise.response.shape)
+        return noise.over_time(noise.response - coarse)
 
 
 @dataclass(frozen=True)
@@ -222,16 +242,24 @@ def drawn_force_noise(
 ) -> list[ForceNoise]:
     """Draws of each recording's noise, as measured in its no-contact frames, with their adjoint fields.
 
-    One solve serves the fields of all recordings.
+    One solve serves the fields of all recordings. A recording with a finer mesh has DRAWS draws.
     """
     drawn = parallel_map(
-        lambda recording: _drawn(recording, base.case.budget, draws), base.grasps, workers=workers
+        lambda recording: drawn_noise(
+            recording, base.case.budget, draws if recording.finer_noise is None else DRAWS
+        ),
+        base.grasps,
+        workers=workers,
     )
     forces = [force_N for _, force_N in drawn]
     solved = _solved(base, forces)
+    responses = [
+        coarse if recording.finer_noise is None else recording.finer_noise
+        for recording, (_, coarse) in zip(base.grasps, solved, strict=True)
+    ]
     weighed, pulled = [], []
-    for recording, weigh, (places, _), (_, response) in zip(
-        base.grasps, weighed_markers, drawn, solved, strict=True
+    for recording, weigh, (places, _), response in zip(
+        base.grasps, weighed_markers, drawn, responses, strict=True
     ):
         share = _shares(recording)
         excess = places - compliance * np.einsum("fr,prnx->pfnx", share, response)
@@ -244,7 +272,7 @@ def drawn_force_noise(
             recording=recording,
             force_N=forces[k],
             moved=solved[k][0],
-            response=solved[k][1],
+            response=responses[k],
             weighed=weighed[k],
             adjoint=adjoint[k][0],
             adjoint_response=adjoint[k][1],
@@ -258,10 +286,10 @@ def _shares(recording: GraspResponse) -> Float[np.ndarray, "f r"]:
     return recording.shares[:, : recording.finer.first + recording.finer.count]
 
 
-def _drawn(
-    recording: GraspResponse, budget: ErrorBudget, draws: int
+def drawn_noise(
+    recording: GraspResponse, budget: ErrorBudget, draws: int = DRAWS
 ) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p r n 3"]]:
-    """Noise of the markers' positions, and of the forces for each pattern."""
+    """Noise of the markers' positions, and of the forces for each pattern; every call has the same."""
     rng = np.random.default_rng(0)
     drawn = [
         _of_pad(pad, denoised, recording.used, budget, draws, rng)
