@@ -43,11 +43,13 @@ from fem.mismatch.effects import (
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.effects.slip import LEVEL_MM, slip_path
 from fem.mismatch.evidence.friction_cone import ShearRatios
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.kinds import pit_change
 from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import OfFinerMesh, drawn_force_noise
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.procedure import plain_fits
@@ -256,6 +258,19 @@ def test_what_a_finer_mesh_adds_is_not_exact_for_other_laws(with_finer_mesh):
         np.testing.assert_allclose(back, recording.excess(with_finer_mesh.compliance, coarse), atol=1e-12)
     coarse_alone = small_strain_model(injected_case(noise=0.0))
     assert "finer mesh" not in [each.name for each in common_nuisances(coarse_alone)]
+
+
+def test_noise_of_the_forces_moves_markers_as_on_the_finer_mesh_alone(with_finer_mesh):
+    """The same draws, on a model that has no other mesh; places of touch differ by the mesh."""
+    alone = small_strain_model(replace(injected_case(noise=0.0), mesh=true_mesh()))
+    noises = []
+    for model in (with_finer_mesh, alone):
+        weigh = [GraspEquations.of(model, recording).weighed_markers for recording in model.grasps]
+        noises.append(drawn_force_noise(model.base, weigh, compliance=model.compliance))
+    for ours, true in zip(*noises, strict=True):
+        np.testing.assert_allclose(ours.force_N, true.force_N, atol=1e-9)
+        near = np.linalg.norm(ours.over_time(ours.response - true.response))
+        assert near < 0.1 * np.linalg.norm(OfFinerMesh().fields(ours))
 
 
 def test_effects_of_no_size_leave_the_response_of_the_finer_mesh(with_finer_mesh):

@@ -49,8 +49,8 @@ class GraspResponse:
     greatest, frame by frame. `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
     the greatest load from errors of single markers' forces: their scales, and the noise in the patterns.
     `kept`: the share of the loaded frames that are used. `denoised`: how each pad's forces were denoised.
-    `finer`: which of the patterns are smoothed, and how. `finer_noise`: responses of the finer mesh to draws of
-    the forces' noise, by pattern (fem.mismatch.model.force_noise); None without that mesh.
+    `finer`: which of the patterns are smoothed, and how. `finer_noise`: responses of the finer mesh to draws
+    of the forces' noise, by pattern (fem.mismatch.model.force_noise); None without that mesh.
     """
 
     case: GraspCase
