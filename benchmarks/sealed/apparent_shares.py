@@ -29,13 +29,13 @@ SCALES = np.geomspace(0.05, 20.0, 61)
 """Grid of the scale of the error."""
 MOST_FREEDOM = 50
 """Degrees of freedom that are tried: a larger one is a scale without spread."""
-USUAL_SHARE, LOG_SPREAD = 0.02, 1.0
-"""Prior of a share: log-normal, its median and the standard deviation of its logarithm. Set by hand, wide:
-medians of 0.005 to 0.02 change ln p of held-out fruit by 0.7."""
+USUAL_SHARES, LOG_SPREAD = (0.02, 0.01, 0.005, 0.002, 0.001, 0.0005), 1.0
+"""Prior of a share: log-normal. Medians that are tried, and the standard deviation of the logarithm, which is
+set by hand, wide."""
 LEAST_SHARE, MOST_SHARE = 1e-4, 1.0
 """Shares that are tried."""
-LISTED_SHARE = 0.001
-"""Smaller shares are left out of the file. Set by hand: a thousandth of an effect's prior changes nothing."""
+LISTED_SHARE = 1e-4
+"""Smaller shares are left out of the file. Set by hand: so little of an effect's prior changes nothing."""
 ORIGIN = """\
 # Standard deviation of the model's own error along each effect, over its prior standard deviation and the
 # compliance ratio: all shares together, by the likelihood of all cases (each fruit counts once). The scale of
@@ -60,7 +60,11 @@ class ModelError:
     @classmethod
     def of(cls, cases: "Sequence[NullCase]") -> "ModelError":
         """As these cases show it."""
-        return cls(shares=model_error_of(cases), prior=scale_prior_of(cases))
+        usual = usual_share_of(cases)
+        return cls(
+            shares=model_error_of(cases, usual=usual),
+            prior=likeliest_scale_prior(held_out(cases, usual=usual)),
+        )
 
     def linear(self, case: ReducedCase) -> LinearRound:
         """The linear round of a case with this error for its own."""
@@ -140,39 +144,51 @@ def null_cases(cases: Mapping[str, ReducedCase]) -> list[NullCase]:
     return [NullCase.of(name, case, tuple(effects)) for name, case in cases.items()]
 
 
-def model_error_of(cases: Sequence[NullCase]) -> dict[str, float]:
-    """The share of each effect, by name: the likeliest of all together, each with a log-normal prior.
+def model_error_of(cases: Sequence[NullCase], *, usual: float = USUAL_SHARES[0]) -> dict[str, float]:
+    """The share of each effect, by name: the likeliest of all together, each with a log-normal prior about
+    `usual`.
 
     ln p of a fruit is the mean over its cases. One effect alone would take what others explain as well.
     """
     effects, count = cases[0].effects, Counter(case.fruit for case in cases)
-    usual = np.full(len(effects), np.log(USUAL_SHARE))
+    start = np.full(len(effects), np.log(usual))
 
     def loss(logs: Float[np.ndarray, " e"]) -> tuple[float, Float[np.ndarray, " e"]]:
         shares = dict(zip(effects, np.exp(logs), strict=True))
-        away = (logs - usual) / LOG_SPREAD
+        away = (logs - start) / LOG_SPREAD
         value = away @ away / 2 - sum(case.log_density(shares) / count[case.fruit] for case in cases)
         slope = away / LOG_SPREAD - sum(case.gradient(shares) / count[case.fruit] for case in cases)
         return float(value), slope
 
     bounds = [(np.log(LEAST_SHARE), np.log(MOST_SHARE))] * len(effects)
-    fitted = minimize(loss, usual, jac=True, method="L-BFGS-B", bounds=bounds)
+    fitted = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
     return dict(zip(effects, map(float, np.exp(fitted.x)), strict=True))
 
 
-def scale_prior_of(cases: Sequence[NullCase]) -> ScalePrior:
-    """The prior of the error's scale by cases without mismatch, with the shares of the other fruit.
-
-    ln p(b | k) of a fruit is the mean over its cases.
+def usual_share_of(cases: Sequence[NullCase]) -> float:
+    """The largest median of the shares' prior under which held-out fruit are as likely as under the best one,
+    within a standard error over fruit (the rule of Breiman et al. 1984, section 3.4.3). Of one fruit, the
+    largest of all.
     """
+    usual_scale = int(np.argmin(np.abs(np.log(SCALES))))
+    if len({case.fruit for case in cases}) == 1:
+        return USUAL_SHARES[0]
+    by_fruit = np.array([held_out(cases, usual=usual)[:, usual_scale] for usual in USUAL_SHARES])
+    less = by_fruit[by_fruit.sum(axis=1).argmax()] - by_fruit
+    within = less.sum(axis=1) <= np.sqrt(less.shape[1]) * less.std(axis=1)
+    return USUAL_SHARES[int(within.argmax())]
+
+
+def held_out(cases: Sequence[NullCase], *, usual: float) -> Float[np.ndarray, "n s"]:
+    """ln p(b | k) of n fruit at SCALES, with the shares of the other fruit; the mean over a fruit's cases."""
     by_fruit = []
     for fruit in dict.fromkeys(case.fruit for case in cases):
-        shares = model_error_of([case for case in cases if case.fruit != fruit])
+        shares = model_error_of([case for case in cases if case.fruit != fruit], usual=usual)
         curves = [
             [case.log_density(shares, scale) for scale in SCALES] for case in cases if case.fruit == fruit
         ]
         by_fruit.append(np.mean(curves, axis=0))
-    return likeliest_scale_prior(np.array(by_fruit))
+    return np.array(by_fruit)
 
 
 def likeliest_scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
