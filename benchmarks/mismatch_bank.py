@@ -2,6 +2,7 @@
 
     python benchmarks/mismatch_bank.py simulate TRUTHS [FRUIT] [--jobs J]
     python benchmarks/mismatch_bank.py draw TRUTHS CASES [FRUIT] [--records R]
+    python benchmarks/mismatch_bank.py disturb BODIES CASES [--records R]
     python benchmarks/mismatch_bank.py reduce CASES ROUNDS [--jobs J]
     FRUIT: [--effect NAME --effect ...] [--first K] [--count N]
 
@@ -9,6 +10,8 @@ Without --effect both are about fruit without mismatch. `simulate` stores one fi
 effects need fruit of their own. `draw` writes one folder per case, and the
 answers in answers.json. It takes the stored fruit that have the effects and adds those that need no fruit of
 their own (sensor, gripper, pit, Poisson's ratio); those alone it adds to fruit without mismatch.
+`disturb` makes cases without mismatch of BODIES: exact bodies of another simulator without noise
+(`sealed/disturbed_bodies.py`).
 `reduce` runs the finder's linear round of every case below CASES and stores its products in ROUNDS, one file
 per case (`sealed/reduced_case.py`): what decides can then be tried on all cases within seconds.
 Amplitudes are drawn log-uniformly over each effect's range. All commands leave
@@ -33,6 +36,7 @@ from typer import BadParameter, Option
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, information_of
+from disturbed_bodies import disturbed
 from reduced_case import ReducedCase, opened, reduced, store
 
 from fem.fem_failure import FemFailure
@@ -89,6 +93,13 @@ def draw(
             stored = bank.simulated(truths, fruit)
             for record in range(1, records + 1):
                 print(bank.draw_case(cases, fruit, stored, added=added, record=record), flush=True)
+
+
+def disturb(bodies: Path, cases: Path, records: int = 1) -> None:
+    """So many cases of each body."""
+    cases.mkdir(parents=True, exist_ok=True)
+    for truth, record in product(sorted(bodies.glob("*/truth.json")), range(1, records + 1)):
+        print(disturbed(truth.parent, cases, record=record), flush=True)
 
 
 def bank_fruits(effects: list[str], first: int, count: int, *, known: Sequence[str]) -> list[BankFruit]:
@@ -156,4 +167,4 @@ def in_own_processes(jobs: Sequence[tuple[str, ...]], count: int) -> None:
 
 
 if __name__ == "__main__":
-    run(simulate, draw, reduce)
+    run(simulate, draw, disturb, reduce)

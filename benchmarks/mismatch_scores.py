@@ -6,7 +6,7 @@
 ROUNDS holds linear rounds of cases with answers (`benchmarks/mismatch_bank.py reduce`). Every case is decided
 again with today's decision and the shipped model error, by linear signatures alone. `benchmarks/mismatch.py`
 scores answers of `drupe explain`, which has full models. --error-of-other-fruit: with the error that fruit of
-two thirds of the numbers show, all but the case's own third. --write-model-error writes
+the other thirds show. --write-model-error writes
 fem/mismatch/evidence/model_error.csv from the cases without mismatch, and scores nothing.
 
 "Named first" means detected, and the likeliest explanation but none is the true one. E is the plain model's
@@ -55,7 +55,7 @@ ABOVE_BOUND = 2.0
 MULTIPLES, DRAWS = (2, 4, 8), 200
 """Of the ideal confusions: full bounds, and draws of each effect and multiple."""
 FOLDS = 3
-"""Parts of the fruit, by their numbers; the model error for one is measured on the others."""
+"""Parts of the fruit; the model error for one is measured on the others."""
 
 
 def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
@@ -75,8 +75,8 @@ def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
 def errors_of_other_fruit(cases: Mapping[str, ReducedCase]) -> dict[str, ModelError]:
     """The model error for each fruit, measured without mismatch on those of the other FOLDS - 1 folds."""
     nulls = null_cases({name: case for name, case in cases.items() if is_null(case)})
-    fruits = {fruit_of(name, case) for name, case in cases.items()}
-    fold = {fruit: int(fruit.rsplit("-", 1)[1]) % FOLDS for fruit in fruits}
+    fruits = sorted({fruit_of(name, case) for name, case in cases.items()})
+    fold = {fruit: k % FOLDS for k, fruit in enumerate(fruits)}
     by_fold = {
         left_out: ModelError.of([null for null in nulls if fold[null.fruit] != left_out])
         for left_out in set(fold.values())

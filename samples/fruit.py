@@ -159,10 +159,18 @@ def scanned_mesh(fruit: SampleFruit, *, cells: int, error_mm: float) -> Mesh:
 def scanned_skin(skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator) -> Mesh:
     """The skin with a scanner's error: a smooth error along its rays with the given RMS."""
     sphere = even_sphere(cells)
+    error = scan_error_mm(sphere.directions, error_mm=error_mm, rng=rng)
+    return skin.points_mm(sphere.directions) + error, sphere.triangles()
+
+
+def scan_error_mm(
+    directions: Float[np.ndarray, "n 3"], *, error_mm: float, rng: np.random.Generator
+) -> Float[np.ndarray, "n 3"]:
+    """A scanner's error along rays in these directions (unit vectors): smooth, with the given RMS."""
     waves, phase = rng.normal(size=(24, 3)) * 5.0, rng.uniform(0, 2 * np.pi, 24)
-    wobble = np.cos(sphere.directions @ waves.T + phase).sum(axis=1)
+    wobble = np.cos(directions @ waves.T + phase).sum(axis=1)
     wobble *= error_mm / np.sqrt(np.mean(wobble**2))
-    return skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
+    return np.asarray(wobble[:, None] * directions)
 
 
 def on_its_base(skin: Skin) -> Skin:

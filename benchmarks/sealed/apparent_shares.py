@@ -40,7 +40,7 @@ ORIGIN = """\
 # Standard deviation of the model's own error along each effect, over its prior standard deviation and the
 # compliance ratio: all shares together, by the likelihood of all cases (each fruit counts once). The scale of
 # all of them in one case: k^2 ~ freedom size^2 / chi-square(freedom), by the shares of the other fruit.
-# {cases} cases of {fruit} fruit, simulated by another solver (benchmarks/mismatch_bank.py).
+# {cases} cases of {fruit} fruit of other solvers (`simulate` and `disturb` of benchmarks/mismatch_bank.py).
 # Written by: {command}, {written:%Y-%m-%d}
 """
 

@@ -91,13 +91,14 @@ def stored_truths(path: Path) -> tuple[TrueRecording, ...]:
 MESH_CELLS = 33
 """Cells along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""
 
-_SETTINGS = """\
+SETTINGS = """\
 category = "{category}"
 poisson_ratio = {nu}   # assumed
 offset_sd_mm = 0.5        # expected spread of the pit prior
 size_sd = 0.03
 mesh_sd_mm = 0.1
 """
+"""Text of case.toml."""
 
 
 def write_case_files(
@@ -122,7 +123,7 @@ def write_case_files(
     write_mesh(partial / "fruit.ply", vertices - origin, triangles)
     sphere = even_sphere(MESH_CELLS)
     write_mesh(partial / "pit.ply", drawn.prior.points_mm(sphere.directions) - origin, sphere.triangles())
-    settings = _SETTINGS.format(category=drawn.category, nu=drawn.stated_poisson_ratio)
+    settings = SETTINGS.format(category=drawn.category, nu=drawn.stated_poisson_ratio)
     (partial / "case.toml").write_text(settings, encoding="utf-8")
     for truth, peak in zip(recordings, peaks_N, strict=True):
         recording = sensed(truth, drawn, fruit_id=folder.name, origin_mm=origin, peak_N=peak, rng=rng)

@@ -101,7 +101,7 @@ def drawn_fruit(
         cubic=rng.normal(0.0, 0.005, (3, 3, 3)),
     )
     prior = SamplePit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=triple(np.array(kind.pit_share) * half))
-    centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
+    centre, sizes = pit_error(rng, pit_shift_mm, pit_scale)
     pit = SamplePit(centre_mm=triple(centre), semi_axes_mm=triple(np.array(prior.semi_axes_mm) * sizes))
     modulus = float(np.exp(rng.uniform(np.log(SOFTEST_MPA), np.log(FIRMEST_MPA))))
     fruit = SampleFruit(fruit_id=fruit_id, skin=skin, pit=pit, E_MPa=modulus, poisson_ratio=poisson_ratio)
@@ -109,8 +109,8 @@ def drawn_fruit(
     return DrawnFruit(category=category, fruit=fruit, prior=prior, depth_mm=depth)
 
 
-def _pit_error(
-    rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
+def pit_error(
+    rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None = None, scale: float = 1.0
 ) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
     """Shift (mm) and size ratios of the true pit relative to its prior.
 
@@ -140,7 +140,7 @@ def seen_anew(
 
     The truth stays. The pit deviates from the new prior by the category's spread, or as stated.
     """
-    centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
+    centre, sizes = pit_error(rng, pit_shift_mm, pit_scale)
     prior = SamplePit(
         centre_mm=triple(np.array(drawn.fruit.pit.centre_mm) - centre),
         semi_axes_mm=triple(np.array(drawn.fruit.pit.semi_axes_mm) / sizes),

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from apparent_shares import (
     SCALES,
+    USUAL_SHARES,
     ModelError,
     NullCase,
     file_text,
     likeliest_scale_prior,
     model_error_of,
     null_cases,
+    usual_share_of,
 )
 from cramer_rao import amplitude_bounds
 from mismatch_scores import usual_misfit
@@ -56,6 +58,24 @@ def test_a_known_share_is_measured_noise_removed():
 def test_noise_alone_leaves_hardly_any_share():
     """The noise of one amount is a share of 0.01."""
     assert model_error_of(list(drawn(0.0, count=500, information=(0.01 * 0.8) ** -2)))["skin"] < 0.005
+
+
+def test_the_usual_share_follows_from_held_out_fruit():
+    """Of four effects of each fruit: none has an error, or all have one of 0.02."""
+    rng, count = np.random.default_rng(4), 4
+    names = tuple(f"effect {k}" for k in range(count))
+    usual = []
+    for share in (0.0, 0.02):
+        cases = []
+        for number in range(6):
+            normal = np.diag(np.full(count, 0.005**-2))
+            right = normal @ (share * rng.normal(size=count)) + 0.005**-1 * rng.normal(size=count)
+            fruit = f"f-{number}"
+            cases.append(
+                null(fruit, normal, right, unit_sd=np.ones(count), effect=range(count), effects=names)
+            )
+        usual.append(usual_share_of(cases))
+    assert usual == [min(USUAL_SHARES), max(USUAL_SHARES)]
 
 
 def test_an_error_is_not_counted_again_by_an_effect_that_resembles_it():
@@ -122,7 +142,7 @@ def test_the_file_holds_shares_by_name_and_names_their_origin():
     cases = [*drawn(0.05, count=3, information=1e8), *drawn(0.05, count=1, information=1e8)]
     text = file_text(
         cases,
-        ModelError(shares={"skin": 0.03, "slip": 1e-4}, prior=ScalePrior(size=0.66, freedom=3.0)),
+        ModelError(shares={"skin": 0.03, "slip": 5e-5}, prior=ScalePrior(size=0.66, freedom=3.0)),
         command="python benchmarks/mismatch_scores.py",
         written=date(2026, 11, 28),
     )

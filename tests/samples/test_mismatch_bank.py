@@ -2,10 +2,12 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from disturbed_bodies import disturbed
 from mismatch_ball import drawn_ball, still_recording
 
 import samples.mismatch.bank as bank
@@ -218,3 +220,28 @@ def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> No
     assert noise_N.std() == pytest.approx(2e-4 * 20.0, rel=0.05)
     assert pad.force_N.mean(axis=0).std() == pytest.approx(2e-4 * 10.0, rel=0.2)
     assert not list(tmp_path.glob(".*partial"))
+
+
+def test_an_exact_body_becomes_a_case_with_noise_a_scan_and_a_wrong_pit(tmp_path: Path) -> None:
+    body, cases = tmp_path / "bodies" / "ball", tmp_path / "cases"
+    exact = replace(drawn_ball(), mesh_error_mm=0.0)
+    peaks_N, rng = (20.0,), np.random.default_rng(1)
+    write_case_files(body, exact, (still_recording(60, late_N=0.01),), peaks_N=peaks_N, rng=rng)
+    truth = {"E": 0.5, "nu": 0.45, "pit": [10.0] * 3, "pit_centre": [0.0] * 3, "category": "pdms_ball"}
+    (body / "truth.json").write_text(json.dumps(truth))
+    assert disturbed(body, cases, record=1) == "null-ball-1"
+    written = cases / "null-ball-1"
+    skin, _ = read_mesh(written / "fruit.ply")
+    pit, _ = read_mesh(written / "pit.ply")
+    assert 0.04 < np.std(np.linalg.norm(skin, axis=1)) < 0.13
+    assert 0.01 < np.linalg.norm(pit.mean(axis=0)) < 3.0
+    before, after = (read_recording(folder / "grasp-1.h5").pads[0] for folder in (body, written))
+    assert isinstance(before, GelPad)
+    assert isinstance(after, GelPad)
+    added_um = 1e3 * (after.displacement_mm - before.displacement_mm)
+    assert 1.5 < added_um.std() < 8.0
+    assert after.gel_kn_MPa_per_mm == before.gel_kn_MPa_per_mm
+    assert answer_of(cases, "null-ball-1")["effect"] == "none"
+    stamp = (written / "fruit.ply").stat().st_mtime_ns
+    disturbed(body, cases, record=1)
+    assert (written / "fruit.ply").stat().st_mtime_ns == stamp
