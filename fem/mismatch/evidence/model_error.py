@@ -11,7 +11,7 @@ the prior standard deviation of the amount and the compliance ratio of flesh to 
 amounts grow. `benchmarks/mismatch_scores.py` fits all shares together to simulated fruit without mismatch, by
 the likelihood of their recordings. So an error counts once, though several effects resemble it.
 
-The error is about ten times as large for some fruit without mismatch as for others. A statistic that compares
+The error is several times as large for some fruit without mismatch as for others. A statistic that compares
 explanations at its usual size therefore has a heavier tail without mismatch than that size alone gives. Draws
 without mismatch have an error of k times its usual size,
 
