@@ -1,5 +1,6 @@
 """The page of the history in a browser: names of class limits, narrow screens and accessibility."""
 
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
@@ -91,26 +92,28 @@ def history():
         )
         for lot in ("A", "B")
     )
+    last = lots[0].days[-1].day
     difference = DifferenceEntry(
-        first="A", second="B", difference_MPa=0.1, low_MPa=-0.1, high_MPa=0.3, p=0.4
-    )  # fmt: skip
+        first=replace(lots[0].name, day=last),
+        second=replace(lots[1].name, day=last),
+        difference_MPa=0.1,
+        low_MPa=-0.1,
+        high_MPa=0.3,
+        p=0.4,
+    )
     plan = AcceptanceEntry(
         words="Lot of 5000, AQL 4 %",
         risks="The plan accepts 95 % of lots with 4.7 % nonconforming fruit",
         class_name="ready to eat",
         aql=4.0,
         curve=np.array([[0.0, 1.0, 1.0], [4.0, 0.95, 0.96], [10.0, 0.1, 0.1]]),
-        decisions=(LotDecisionEntry(name="nectarine, lot A", verdict="more fruit needed", words="9 " * 60),),
+        decisions=(LotDecisionEntry(name=lots[0].name, verdict="more fruit needed", words="9 " * 60),),
     )
     return HistoryEntry(
         made_utc=datetime(2026, 8, 20, tzinfo=UTC),
         batches=4,
         series=lots,
-        groups=(
-            GroupEntry(
-                name="nectarine Big Top", series=lots, words="w.", rates={}, differences=(difference,)
-            ),
-        ),
+        groups=(GroupEntry(series=lots, words="w.", rates={}, differences=(difference,)),),
         quality=QualityEntry(plans=(plan,)),
     )
 
