@@ -12,11 +12,14 @@ from reports.history_entries import (
     AcceptanceEntry,
     DayEntry,
     DifferenceEntry,
+    FirmnessEntry,
+    GaugeEntry,
     GroupEntry,
     HistoryEntry,
     LimitEntry,
     LotDecisionEntry,
     LotStatistics,
+    ObjectiveSampleEntry,
     QualityEntry,
     SeriesEntry,
 )
@@ -109,12 +112,25 @@ def history():
         curve=np.array([[0.0, 1.0, 1.0], [4.0, 0.95, 0.96], [10.0, 0.1, 0.1]]),
         decisions=(LotDecisionEntry(name=lots[0].name, verdict="more fruit needed", words="9 " * 60),),
     )
+    cheeks = tuple((f"N{k}", ((0.6, 0.02), (0.62, None))) for k in range(10))
+    sample = ObjectiveSampleEntry(
+        name=replace(lots[0].name, day=last, size=""), fruit=10, fruit_missing=0, cheeks_missing=(),
+        words="The sample suffices", cheeks=cheeks,
+    )  # fmt: skip
+    E_MPa = np.linspace(0.4, 0.9, 10)
+    line = np.column_stack([E_MPa, *(40 * E_MPa + more for more in (0, -3, 3))])
+    firmness = FirmnessEntry(
+        name=replace(lots[0].name, lot=None), plunger_mm=11.1, words="fitted", E_MPa=E_MPa,
+        reading_N=40 * E_MPa, line=line,
+    )  # fmt: skip
+    gauge = GaugeEntry(kind="gripper", words="w.", components=(("EV", 2.0, 40.0),), biases=(("G1", 0.3),))
     return HistoryEntry(
         made_utc=datetime(2026, 8, 20, tzinfo=UTC),
         batches=4,
         series=lots,
         groups=(GroupEntry(series=lots, words="w.", rates={}, differences=(difference,)),),
-        quality=QualityEntry(plans=(plan,)),
+        gauges=(gauge,),
+        quality=QualityEntry(plans=(plan,), samples=(sample,), firmness=(firmness,)),
     )
 
 
@@ -191,7 +207,7 @@ def test_on_a_phone_each_cell_of_sentences_names_its_column_and_is_wide(shown):
     page = shown(viewport={"width": 360, "height": 800})
     page.locator("details summary").first.click()
     cells = page.locator(".stacked td:visible")
-    assert cells.count() == 2 * 4 + 4 + 2 * 3 * 5 + 2
+    assert cells.count() == 2 * 4 + 4 + 2 * 3 * 5 + 2 + 4
     for cell in cells.all():
         head = cell.evaluate("(cell) => getComputedStyle(cell, '::before').content").strip('"').rstrip(": ")
         heads = cell.evaluate(
