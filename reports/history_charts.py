@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from reports.charts import Chart, band, day_limits, day_number, layer, padded, rounded, rules
 from reports.history_entries import AcceptanceEntry, FirmnessEntry, GroupEntry, SeriesEntry
 from reports.language import decimals, fruit_count, say
 from reports.palette import class_marks
-from reports.words import number
+from reports.words import lot_words, number, plunger_words
 
 _MOST_SINGLE = 400
 """Most single fruit drawn per day: marks of more would overlap."""
 
 
-def softening_chart(series: SeriesEntry, name: str) -> Chart:
-    """Single fruit, daily means with 90 % intervals, the fitted law with its band, dashed class limits.
-    `name`: the lot's.
-    """
+def softening_chart(series: SeriesEntry) -> Chart:
+    """Single fruit, daily means with 90 % intervals, the fitted law with its band, dashed class limits."""
     first = day_number(series.days[0].day)
     law, days = series.softening, series.days
     single = [(day_number(day.day), E) for day in days for E in day.single_E_MPa[:_MOST_SINGLE]]
@@ -59,7 +55,7 @@ def softening_chart(series: SeriesEntry, name: str) -> Chart:
     )
     last = "; ".join(f"{day.day} {number(day.E_MPa)} MPa ({fruit_count(day.fruit)})" for day in days[-10:])
     return {
-        "title": say("Modulus over days, {lot}", lot=name),
+        "title": say("Modulus over days, {lot}", lot=lot_words(series.name)),
         "description": say("Geometric means of the last days: {means}", means=last),
         "x": {"label": "", "limits": day_limits([*at_days, *along]), "dates": True},
         "y": {"label": say("E, modulus of the flesh (MPa)"), "limits": (max(low, 0.0), high)},
@@ -67,23 +63,21 @@ def softening_chart(series: SeriesEntry, name: str) -> Chart:
     }
 
 
-def lots_chart(group: GroupEntry, *, named: Callable[[str], str] = str) -> Chart:
-    """Daily geometric means of every lot of a cultivar; each lot has a line, a colour and a shape. `named`:
-    a lot's or group's name in the language in force.
-    """
-    marks = class_marks(tuple(lot.name for lot in group.series))
+def lots_chart(group: GroupEntry) -> Chart:
+    """Daily geometric means of every lot of a cultivar; each lot has a line, a colour and a shape."""
+    marks = class_marks(tuple(lot.lot for lot in group.series))
     layers = []
     for lot in group.series:
-        colour, shape = marks[lot.name]
+        colour, shape = marks[lot.lot]
         means = [day_number(day.day) for day in lot.days], [day.E_MPa for day in lot.days]
         layers.append(layer("line", *means, colour=colour))
         name = lot.lot or say("without a lot")
         layers.append(layer("marks", *means, colour=colour, shape=shape, name=name))
     last = "; ".join(
-        f"{named(lot.name)}: {lot.days[-1].day} {number(lot.days[-1].E_MPa)} MPa" for lot in group.series
+        f"{lot_words(lot.name)}: {lot.days[-1].day} {number(lot.days[-1].E_MPa)} MPa" for lot in group.series
     )
     return {
-        "title": say("Lots of {group} over days", group=named(group.name)),
+        "title": say("Lots of {group} over days", group=lot_words(group.name)),
         "description": say("Geometric means of the last days: {means}", means=last),
         "x": {"label": "", "limits": day_limits(x for each in layers for x in each["x"]), "dates": True},
         "y": {
@@ -119,17 +113,15 @@ def characteristic_chart(plan: AcceptanceEntry) -> Chart:
     }
 
 
-def firmness_chart(relation: FirmnessEntry, name: str) -> Chart:
-    """Readings of single fruit over E, the fitted line, and the band that holds 90 % of further fruit.
-    `name`: the cultivar and the plunger.
-    """
+def firmness_chart(relation: FirmnessEntry) -> Chart:
+    """Readings of single fruit over E, the fitted line, and the band that holds 90 % of further fruit."""
     highest = [] if relation.line is None else [*relation.line[:, 3]]
     layers = [layer("marks", relation.E_MPa, relation.reading_N, colour="noise")]
     if relation.line is not None:
         E, line, low, high = relation.line.T
         layers = [band(E, low, high), layer("line", E, line, colour="pad0"), *layers]
     return {
-        "title": say("Readings against E, {name}", name=name),
+        "title": say("Readings against E, {name}", name=plunger_words(relation)),
         "description": relation.words,
         "x": {"label": say("E, modulus of the flesh (MPa)"), "limits": padded(relation.E_MPa)},
         "y": {"label": say("Reading (N)"), "limits": padded([*relation.reading_N, *highest], from_zero=True)},

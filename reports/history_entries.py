@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime
 
 import numpy as np
@@ -13,6 +13,17 @@ from reports.entries import ReferenceBodyEntry
 
 LINE_POINTS = 60
 """Points of a drawn line: one in 14 px of the widest chart."""
+
+
+@dataclass(frozen=True, order=True, kw_only=True)
+class LotName:
+    """A cultivar; unless None, its lot ("" without a name), a day, and a size of fruit ("" if not stated)."""
+
+    category: str
+    cultivar: str
+    lot: str | None = None
+    day: date | None = None
+    size: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,19 +98,9 @@ class SeriesEntry:
     notes: tuple[str, ...] = ()
 
     @property
-    def group(self) -> str:
-        """Category and cultivar."""
-        return " ".join(filter(None, (self.category, self.cultivar)))
-
-    @property
-    def name(self) -> str:
-        """The lot's name in headings.
-
-        >>> SeriesEntry(category="plum", cultivar="", lot="7", days=()).name
-        'plum, lot 7'
-        """
-        lot = f"lot {self.lot}" if self.lot else "without a lot"
-        return f"{self.group}, {lot}"
+    def name(self) -> LotName:
+        """The lot without a day."""
+        return LotName(category=self.category, cultivar=self.cultivar, lot=self.lot)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +109,8 @@ class DifferenceEntry:
     90 % interval. `p`: p-value of Welch's test, adjusted for the number of pairs.
     """
 
-    first: str
-    second: str
+    first: LotName
+    second: LotName
     difference_MPa: float
     low_MPa: float
     high_MPa: float
@@ -120,11 +121,15 @@ class DifferenceEntry:
 class GroupEntry:
     """All lots of one cultivar; `words` and `rates`: decrease of ln E per day, by the mixed model."""
 
-    name: str
     series: tuple[SeriesEntry, ...]
     words: str
     rates: Mapping[str, float]
     differences: tuple[DifferenceEntry, ...] = ()
+
+    @property
+    def name(self) -> LotName:
+        """The cultivar."""
+        return replace(self.series[0].name, lot=None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +148,7 @@ class GaugeEntry:
 class LotDecisionEntry:
     """Decision of the sampling plan on one lot, on its last day."""
 
-    name: str
+    name: LotName
     verdict: str
     words: str
 
@@ -151,7 +156,8 @@ class LotDecisionEntry:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptanceEntry:
     """A sampling plan. `curve`, its operating characteristic: nonconforming fruit (%), probability of
-    acceptance, and by attributes also that of one lot of this size. `refusals`: lots without a decision.
+    acceptance, and by attributes also that of one lot of this size. `refusals`: lots without a decision, and
+    why.
     """
 
     words: str
@@ -160,7 +166,7 @@ class AcceptanceEntry:
     aql: float
     curve: Float[np.ndarray, "p _c"]
     decisions: tuple[LotDecisionEntry, ...]
-    refusals: tuple[str, ...] = ()
+    refusals: tuple[tuple[LotName, str], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +175,7 @@ class ObjectiveSampleEntry:
     recording and its standard deviation, MPa.
     """
 
-    name: str
+    name: LotName
     fruit: int
     fruit_missing: int
     cheeks_missing: tuple[str, ...]
@@ -183,7 +189,8 @@ class FirmnessEntry:
     None without a fit.
     """
 
-    title: str
+    name: LotName
+    plunger_mm: float
     words: str
     E_MPa: Float[np.ndarray, " n"]
     reading_N: Float[np.ndarray, " n"]

@@ -14,7 +14,18 @@ from markupsafe import Markup
 from reports.charts import PlacedCharts
 from reports.language import decimals, fruit_count, language_in_force, say, say_html
 from reports.messages import message
-from reports.words import category_name, duration, effect_name, number, percent, share, verdict_words, with_sd
+from reports.words import (
+    category_name,
+    duration,
+    effect_name,
+    lot_words,
+    number,
+    percent,
+    plunger_words,
+    share,
+    verdict_words,
+    with_sd,
+)
 
 CHARTS = ("uplot.js", "charts.js")
 """Scripts of a page with charts: the library uPlot (MIT, 51 kB), and drupe's script that draws with it."""
@@ -39,8 +50,10 @@ def _environment(language: str) -> Environment:
         "decimals": decimals,
         "duration": duration,
         "effect": effect_name,
+        "lot_words": lot_words,
         "number": number,
         "percent": percent,
+        "plunger_words": plunger_words,
         "share": share,
         "verdict_words": verdict_words,
         "with_sd": with_sd,

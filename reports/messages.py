@@ -67,7 +67,7 @@ SENTENCES: Mapping[type, tuple[str, ...]] = {
     AcceptanceEntry: ("words", "risks", "decisions", "refusals"),
     LotDecisionEntry: ("verdict", "words"),
     ObjectiveSampleEntry: ("words",),
-    FirmnessEntry: ("title", "words"),
+    FirmnessEntry: ("words",),
 }
 """Fields of report records that hold sentences of other packages, or records with such sentences."""
 _BETWEEN_NAMES = re.compile("(, | with | or | and )")

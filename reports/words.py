@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from datetime import UTC
 
 from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, Suspicion, VerdictEntry, ranked
+from reports.history_entries import FirmnessEntry, LotName
 from reports.language import decimals as with_comma
 from reports.language import say
 from reports.messages import message
@@ -186,6 +187,28 @@ def effect_name(effect: str) -> str:
     alternatives = (pair.split("+") for pair in effect.split(OR))
     pairs = (say(" with ").join(message(name.replace("_", " ")) for name in pair) for pair in alternatives)
     return say(" or ").join(pairs)
+
+
+def lot_words(name: LotName) -> str:
+    """Cultivar, lot, day and size in the language in force.
+
+    >>> lot_words(LotName(category="plum", cultivar="Jojo", lot="7", size=""))
+    'plum Jojo, lot 7, size not stated'
+    """
+    parts = [" ".join(filter(None, (category_name(name.category), name.cultivar)))]
+    if name.lot is not None:
+        parts.append(f"{say('lot')} {name.lot}" if name.lot else say("without a lot"))
+    if name.day is not None:
+        parts.append(f"{name.day}")
+    if name.size is not None:
+        parts.append(f"{say('size')} {name.size or say('not stated')}")
+    return ", ".join(parts)
+
+
+def plunger_words(relation: FirmnessEntry) -> str:
+    """Cultivar and plunger of a penetrometer in the language in force."""
+    diameter = with_comma(f"{relation.plunger_mm:g}")
+    return say("{group}, plunger of {diameter} mm", group=lot_words(relation.name), diameter=diameter)
 
 
 def category_name(category: str) -> str:

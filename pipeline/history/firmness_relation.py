@@ -15,6 +15,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from pipeline.batch.firmness_columns import PLUNGERS_MM, predicted_columns
 from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.softening import COVERAGE
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
-from reports.history_entries import LINE_POINTS, FirmnessEntry
+from reports.history_entries import LINE_POINTS, FirmnessEntry, LotName
 
 FEWEST_FRUIT = 8
 """Fewest fruit with E and a reading for a fit: Student's t is 1.94 with six degrees of freedom, a fifth more
@@ -153,7 +154,7 @@ def firmness_relation(
     return best
 
 
-Key = tuple[str, float]
+Key = tuple[LotName, float]
 """A cultivar (StoredBatch.group), and the plunger in mm."""
 
 
@@ -182,18 +183,18 @@ def firmness_relations(
     _require_readings(readings, usable, unusable)
     for (group, plunger_mm), both in sorted(pairs.items()):
         E, F = np.array(both).T
-        relation, title = firmness_relation(E, F), f"{group}, plunger of {plunger_mm:g} mm"
+        relation = firmness_relation(E, F)
+        entry = partial(FirmnessEntry, name=group, plunger_mm=plunger_mm, E_MPa=E, reading_N=F)
         count = left_out[group, plunger_mm]
         added = f"drupe left out {count} cells with text or a number not above 0" if count else ""
         if isinstance(relation, str):
             words = ". ".join(filter(None, (f"not fitted: {relation}", added)))
-            yield (group, plunger_mm), FirmnessEntry(title=title, words=words, E_MPa=E, reading_N=F), None
+            yield (group, plunger_mm), entry(words=words), None
             continue
         at = np.linspace(E.min(), E.max(), LINE_POINTS)
         line = np.column_stack([at, relation.predicted(at)])
         words = ". ".join(filter(None, (relation.words, added)))
-        entry = FirmnessEntry(title=title, words=words, E_MPa=E, reading_N=F, line=line)
-        yield (group, plunger_mm), entry, relation
+        yield (group, plunger_mm), entry(words=words, line=line), relation
 
 
 def _require_readings(

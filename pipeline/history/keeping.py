@@ -21,6 +21,7 @@ from pipeline.problem import refused
 from reports.history_entries import GaugeEntry, HistoryEntry, SeriesEntry
 from reports.history_page import history_html, page_titles
 from reports.language import ENGLISH
+from reports.words import lot_words
 
 COMMAND = "drupe history"
 MOST_BYTES = 100_000_000
@@ -153,7 +154,7 @@ def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
     for series in entry.series:
         yield from _series_lines(series)
     for group in entry.groups:
-        yield f"{printable(group.name)}, {len(group.series)} lots: {printable(group.words)}"
+        yield f"{printable(lot_words(group.name))}, {len(group.series)} lots: {printable(group.words)}"
     yield from map(printable, entry.comparisons)
     for alarm in entry.alarms:
         yield f"reference body {printable(alarm)}"
@@ -166,7 +167,7 @@ def _series_lines(series: SeriesEntry) -> Iterator[str]:
     last = series.days[-1]
     days = _counted(len(series.days), "day", "days")
     yield (
-        f"{printable(series.name)}: {days}, {last.fruit} fruit on {last.day}, "
+        f"{printable(lot_words(series.name))}: {days}, {last.fruit} fruit on {last.day}, "
         f"geometric mean of E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g}, 90 %)"
     )
     yield f"  {series.softening_words}"

@@ -30,7 +30,8 @@ from pipeline.history.acceptance_plans import (
 from pipeline.history.lot_statistics import class_ranges
 from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.stored_batch import StoredBatch
-from reports.history_entries import AcceptanceEntry, LotDecisionEntry
+from reports.history_entries import AcceptanceEntry, LotDecisionEntry, LotName
+from reports.words import lot_words
 
 ACCEPT, REJECT, MORE = "accept", "reject", "more fruit needed"
 POINTS = (0.95, 0.5, 0.1)
@@ -104,16 +105,17 @@ def acceptance_entries(
         if named and named not in {batch.lot for batch in batches}:
             raise NoPlan(f'--lot-size names lot "{named}", which no batch has')
     decisions: dict[SamplingPlan, list[LotDecisionEntry]] = {}
-    refusals = []
+    refusals: list[tuple[LotName, str]] = []
     for on_day in _last_days(batches):
         try:
             plan = wanted.plan(on_day[-1].lot)
             lot = _decision(on_day, class_name, plan)
             decisions.setdefault(plan, []).append(lot)
         except NoPlan as reason:
-            refusals.append(f"{_name(on_day[-1])}: {reason}")
+            refusals.append((on_day[-1].lot_day, f"{reason}"))
     if not decisions:
-        raise NoPlan("; ".join(refusals) or "no batch has fruit")
+        reasons = (f"{lot_words(name)}: {reason}" for name, reason in refusals)
+        raise NoPlan("; ".join(reasons) or "no batch has fruit")
     for plan, of_plan in decisions.items():
         words, *risks = plan_words(plan)
         yield AcceptanceEntry(
@@ -142,10 +144,6 @@ def _last_days(batches: Sequence[StoredBatch]) -> Iterator[list[StoredBatch]]:
         yield [batch for batch in days if batch.measured == days[-1].measured]
 
 
-def _name(batch: StoredBatch) -> str:
-    return f"{batch.group}, {batch.lot_words}, {batch.measured}"
-
-
 def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan) -> LotDecisionEntry:
     ranges = {name: (low, high) for name, low, high in class_ranges(on_day[-1].limits)}
     if class_name not in ranges:
@@ -164,7 +162,7 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
     if len(fruit) > plan.n:
         sentences.append(f"The sample is {plan.n} of the {len(fruit)} fruit, drawn without regard to E")
     sentences += _left_out(on_day, set(fruit))
-    return LotDecisionEntry(name=_name(on_day[-1]), verdict=verdict, words=". ".join(sentences))
+    return LotDecisionEntry(name=on_day[-1].lot_day, verdict=verdict, words=". ".join(sentences))
 
 
 def _place(batch: StoredBatch, fruit_id: str) -> str:

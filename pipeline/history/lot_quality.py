@@ -21,6 +21,7 @@ from pipeline.history.stored_batch import StoredBatch
 from pipeline.history.table_file import put_table, require_format, table_of
 from pipeline.problem import refused
 from reports.history_entries import QualityEntry
+from reports.words import lot_words, plunger_words
 
 COMMAND = "drupe history"
 
@@ -61,10 +62,10 @@ def quality_lines(quality: QualityEntry) -> Iterator[str]:
     """Lines for the terminal."""
     for plan in quality.plans:
         yield f"{plan.words}. {plan.risks}."
-        yield from (f"  {lot.name}: {lot.verdict}: {lot.words}." for lot in plan.decisions)
-        yield from (f"  no decision: {refusal}." for refusal in plan.refusals)
-    yield from (f"{sample.name}: {sample.words}." for sample in quality.samples)
-    yield from (f"{entry.title}: {entry.words}." for entry in quality.firmness)
+        yield from (f"  {lot_words(lot.name)}: {lot.verdict}: {lot.words}." for lot in plan.decisions)
+        yield from (f"  no decision: {lot_words(lot)}: {reason}." for lot, reason in plan.refusals)
+    yield from (f"{lot_words(sample.name)}: {sample.words}." for sample in quality.samples)
+    yield from (f"{plunger_words(entry)}: {entry.words}." for entry in quality.firmness)
 
 
 def characteristics(quality: QualityEntry) -> pd.DataFrame:

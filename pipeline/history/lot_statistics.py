@@ -16,7 +16,7 @@ from scipy.stats import binomtest, ttest_ind
 from scipy.stats import t as student
 
 from pipeline.history.softening import COVERAGE
-from reports.history_entries import DifferenceEntry, LotStatistics
+from reports.history_entries import DifferenceEntry, LotName, LotStatistics
 
 PERCENTILES = (10, 25, 50, 75, 90)
 """Percentiles of a lot's fruit: a tenth at either end, quartiles and median."""
@@ -75,7 +75,7 @@ def class_ranges(
     return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=False)]
 
 
-def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[DifferenceEntry]:
+def lot_differences(E_MPa: Mapping[LotName, Sequence[float]]) -> list[DifferenceEntry]:
     """Mean difference (first - second), 90 % interval and Holm's p of all pairs of lots with 2+ fruit."""
     from statsmodels.stats.multitest import multipletests  # slow to import
 

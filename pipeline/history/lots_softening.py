@@ -12,7 +12,7 @@ its best linear unbiased prediction, b + D (D + S_i)^-1 (b_i - b). Both hold for
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -107,18 +107,14 @@ def lot_groups(series: Sequence[SeriesEntry]) -> Iterator[GroupEntry]:
             continue
         words, rates = _law(lots)
         last = sorted(lots, key=lambda lot: lot.days[-1].day)[-MOST_COMPARED:]
-        last_E = {_on_last_day(lot): lot.days[-1].single_E_MPa for lot in lots if lot in last}
+        days = {replace(lot.name, day=lot.days[-1].day): lot.days[-1] for lot in lots if lot in last}
+        last_E = {name: day.single_E_MPa for name, day in days.items()}
         yield GroupEntry(
-            name=lots[0].group,
             series=lots,
             words=words,
             rates=rates,
             differences=tuple(lot_differences(last_E)),
         )
-
-
-def _on_last_day(lot: SeriesEntry) -> str:
-    return f"{lot.lot or 'without a lot'} ({lot.days[-1].day})"
 
 
 def _law(lots: Sequence[SeriesEntry]) -> tuple[str, dict[str, float]]:

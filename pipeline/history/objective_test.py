@@ -5,6 +5,7 @@ at random, and firmness on two opposite sides of each fruit. E replaces the pene
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from pipeline.history.merged_fruit import MergedFruit, merged_fruit
 from pipeline.history.softening import pooled_sd
 from pipeline.history.stored_batch import StoredBatch
-from reports.history_entries import ObjectiveSampleEntry
+from reports.history_entries import LotName, ObjectiveSampleEntry
 
 FRUIT, CHEEKS = 10, 2
 """Fewest fruit of each size, and fewest cheeks of each fruit."""
@@ -29,20 +30,17 @@ def objective_samples(
     with the size; without it, all fruit of a lot have one size.
     """
 
-    def of_one(fruit: MergedFruit) -> tuple[str, ...]:
-        batch = fruit.batch
-        stated = [str(row.columns[size_column]) for row in fruit.rows if size_column in row.columns]
-        size = [*stated, "not stated"][0] if size_column else ""
-        return batch.group, batch.lot_words, f"{batch.measured}", size
+    def of_size(fruit: MergedFruit) -> LotName:
+        stated = (str(row.columns[size_column]) for row in fruit.rows if size_column in row.columns)
+        return replace(fruit.batch.lot_day, size=next(stated, "") if size_column else None)
 
-    for key, group in groupby(sorted(merged_fruit(batches), key=of_one), key=of_one):
-        name = ", ".join([*key[:3], *([f"size {key[3]}"] if size_column else [])])
+    for name, group in groupby(sorted(merged_fruit(batches), key=of_size), key=of_size):
         yield _sample(name, list(group), cheeks_per_recording)
 
 
-def _sample(name: str, fruit: Sequence[MergedFruit], per_recording: int) -> ObjectiveSampleEntry:
+def _sample(name: LotName, fruit: Sequence[MergedFruit], per_recording: int) -> ObjectiveSampleEntry:
     cheeks = [(specimen.fruit_id, specimen.cheeks) for specimen in fruit]
-    lacking = [(name, left) for name, E in cheeks if (left := CHEEKS - per_recording * len(E)) > 0]
+    lacking = [(fruit_id, left) for fruit_id, E in cheeks if (left := CHEEKS - per_recording * len(E)) > 0]
     missing = max(FRUIT - len(fruit), 0)
     sentences = [f"{len(fruit)} fruit, at least {FRUIT} are needed"]
     if missing:
@@ -57,7 +55,7 @@ def _sample(name: str, fruit: Sequence[MergedFruit], per_recording: int) -> Obje
         name=name,
         fruit=len(fruit),
         fruit_missing=missing,
-        cheeks_missing=tuple(f"{name} ({left})" for name, left in lacking),
+        cheeks_missing=tuple(f"{fruit_id} ({left})" for fruit_id, left in lacking),
         words=". ".join(sentences),
         cheeks=tuple(cheeks),
     )

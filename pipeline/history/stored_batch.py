@@ -4,7 +4,7 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import asdict, field
+from dataclasses import asdict, field, replace
 from datetime import date, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -18,6 +18,7 @@ from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import why_damaged
 from pipeline.files.plain_file import composed_texts, printable
 from pipeline.problem import BatchRefused, Problem, refused
+from reports.history_entries import LotName
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
 """Suffixes of files beside a recording's frames that describe sensor and pads; many recordings share them."""
@@ -104,14 +105,14 @@ class StoredBatch:
         return tuple(name for name in ids if name not in self.listed) if self.listed else ()
 
     @property
-    def group(self) -> str:
-        """Category and cultivar; their fruit share one relation to other instruments."""
-        return f"{self.category} {self.cultivar}".strip()
+    def group(self) -> LotName:
+        """The cultivar, whose fruit share one relation to other instruments."""
+        return LotName(category=self.category, cultivar=self.cultivar)
 
     @property
-    def lot_words(self) -> str:
-        """The lot as messages name it."""
-        return f"lot {self.lot}" if self.lot else "without a lot"
+    def lot_day(self) -> LotName:
+        """The lot on the day of the batch."""
+        return replace(self.group, lot=self.lot, day=self.measured)
 
     @property
     def series(self) -> tuple[str, str, str]:

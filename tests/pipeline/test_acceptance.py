@@ -30,6 +30,7 @@ from pipeline.history.acceptance_plans import (
 from pipeline.history.lot_acceptance import PlanWanted, acceptance_entries, plan_words, quality_index
 from pipeline.history.lot_database import history_store
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from reports.words import lot_words
 
 CODE_LETTERS = """
 8 A A A A A A B
@@ -320,11 +321,11 @@ def test_each_lot_has_its_size_and_its_last_day():
     batches.append(batch([0.4] * 20, lot="9", key="e"))
     wanted = PlanWanted(lot_size=("7=150", "8=1200"))
     first, second = acceptance_entries(batches, "ready", wanted)
-    assert [(lot_decision.name, lot_decision.verdict) for lot_decision in first.decisions] == [
+    assert [(lot_words(lot_decision.name), lot_decision.verdict) for lot_decision in first.decisions] == [
         ("nectarine, lot 7, 2026-08-12", "accept")
     ]
     assert [lot_decision.verdict for lot_decision in second.decisions] == ["more fruit needed"]
-    assert "lot 9" in first.refusals[0]
+    assert [name.lot for name, _ in first.refusals] == ["9"]
     assert second.refusals == ()
 
 

@@ -28,6 +28,7 @@ from pipeline.history.softening import DAY_SD, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit, StoredGrasp
 from reports.charts import control_chart
 from reports.entries import RatioPoint, ReferenceBodyEntry
+from reports.words import lot_words
 
 AIAG = """
  0.29 -0.56 1.34  0.47 -0.80  0.02  0.59 -0.31 2.26 -1.36
@@ -350,7 +351,7 @@ def test_cheeks_are_averaged_and_plungers_and_cultivars_kept_apart():
     ]
     readings = [reading_of(text) for text in ("c1=kgf@8mm", "c2=kgf@8mm", "wide=N@11.1mm")]
     relations = list(firmness_relations([stored(fruit), stored(fruit[:3], cultivar="B")], readings))
-    assert [key for key, _, _ in relations] == [
+    assert [(lot_words(group), plunger_mm) for (group, plunger_mm), _, _ in relations] == [
         *[("peach A", 8.0), ("peach A", 11.1)],
         *[("peach B", 8.0), ("peach B", 11.1)],
     ]
@@ -435,7 +436,7 @@ def test_ten_fruit_of_each_size_with_two_cheeks_suffice():
     fruit = [fruit_of(f"N{k}", 0.5, 0.5 * math.exp(0.1)) for k in range(10)]
     fruit += [fruit_of("B1", 0.4, size="B"), fruit_of("B2", 0.4, 0.5, size="B")]
     large, small = objective_samples([stored(fruit)], 1, size_column="size")
-    assert large.name == "peach A, lot 7, 2026-08-12, size A"
+    assert lot_words(large.name) == "peach A, lot 7, 2026-08-12, size A"
     assert (large.fruit, large.fruit_missing, large.cheeks_missing) == (10, 0, ())
     assert "If each fruit was turned between two recordings, the sample suffices" in large.words
     assert "differs within a fruit by 7.1 % (sd)" in large.words  # 0.1 / sqrt(2) of ln E

@@ -1,5 +1,6 @@
 """The page of the history in a browser: names of class limits, narrow screens and accessibility."""
 
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
@@ -11,11 +12,14 @@ from reports.history_entries import (
     AcceptanceEntry,
     DayEntry,
     DifferenceEntry,
+    FirmnessEntry,
+    GaugeEntry,
     GroupEntry,
     HistoryEntry,
     LimitEntry,
     LotDecisionEntry,
     LotStatistics,
+    ObjectiveSampleEntry,
     QualityEntry,
     SeriesEntry,
 )
@@ -91,27 +95,42 @@ def history():
         )
         for lot in ("A", "B")
     )
+    last = lots[0].days[-1].day
     difference = DifferenceEntry(
-        first="A", second="B", difference_MPa=0.1, low_MPa=-0.1, high_MPa=0.3, p=0.4
-    )  # fmt: skip
+        first=replace(lots[0].name, day=last),
+        second=replace(lots[1].name, day=last),
+        difference_MPa=0.1,
+        low_MPa=-0.1,
+        high_MPa=0.3,
+        p=0.4,
+    )
     plan = AcceptanceEntry(
         words="Lot of 5000, AQL 4 %",
         risks="The plan accepts 95 % of lots with 4.7 % nonconforming fruit",
         class_name="ready to eat",
         aql=4.0,
         curve=np.array([[0.0, 1.0, 1.0], [4.0, 0.95, 0.96], [10.0, 0.1, 0.1]]),
-        decisions=(LotDecisionEntry(name="nectarine, lot A", verdict="more fruit needed", words="9 " * 60),),
+        decisions=(LotDecisionEntry(name=lots[0].name, verdict="more fruit needed", words="9 " * 60),),
     )
+    cheeks = tuple((f"N{k}", ((0.6, 0.02), (0.62, None))) for k in range(10))
+    sample = ObjectiveSampleEntry(
+        name=replace(lots[0].name, day=last, size=""), fruit=10, fruit_missing=0, cheeks_missing=(),
+        words="The sample suffices", cheeks=cheeks,
+    )  # fmt: skip
+    E_MPa = np.linspace(0.4, 0.9, 10)
+    line = np.column_stack([E_MPa, *(40 * E_MPa + more for more in (0, -3, 3))])
+    firmness = FirmnessEntry(
+        name=replace(lots[0].name, lot=None), plunger_mm=11.1, words="fitted", E_MPa=E_MPa,
+        reading_N=40 * E_MPa, line=line,
+    )  # fmt: skip
+    gauge = GaugeEntry(kind="gripper", words="w.", components=(("EV", 2.0, 40.0),), biases=(("G1", 0.3),))
     return HistoryEntry(
         made_utc=datetime(2026, 8, 20, tzinfo=UTC),
         batches=4,
         series=lots,
-        groups=(
-            GroupEntry(
-                name="nectarine Big Top", series=lots, words="w.", rates={}, differences=(difference,)
-            ),
-        ),
-        quality=QualityEntry(plans=(plan,)),
+        groups=(GroupEntry(series=lots, words="w.", rates={}, differences=(difference,)),),
+        gauges=(gauge,),
+        quality=QualityEntry(plans=(plan,), samples=(sample,), firmness=(firmness,)),
     )
 
 
@@ -188,7 +207,7 @@ def test_on_a_phone_each_cell_of_sentences_names_its_column_and_is_wide(shown):
     page = shown(viewport={"width": 360, "height": 800})
     page.locator("details summary").first.click()
     cells = page.locator(".stacked td:visible")
-    assert cells.count() == 2 * 4 + 4 + 2 * 3 * 5 + 2
+    assert cells.count() == 2 * 4 + 4 + 2 * 3 * 5 + 2 + 4
     for cell in cells.all():
         head = cell.evaluate("(cell) => getComputedStyle(cell, '::before').content").strip('"').rstrip(": ")
         heads = cell.evaluate(

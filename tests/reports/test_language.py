@@ -20,6 +20,7 @@ from reports import (
 )
 from reports.kiosk_page import KioskEntry, kiosk_html
 from reports.language import ENGLISH, LANGUAGES, say, spoken, words_of
+from reports.messages import catalogue
 from reports.page import report_html
 
 REPORTS = Path(page.__file__).parent
@@ -92,3 +93,10 @@ def test_a_language_that_nobody_knows_is_an_error():
 
 def test_every_shipped_category_has_a_name_in_each_language():
     assert known_categories() == words.CATEGORIES
+
+
+def test_spanish_has_a_single_word_for_a_fruit_and_for_a_recording():
+    words = {**words_of("es"), **catalogue("es")}
+    for english, spanish in words.items():
+        assert not re.search(r"(?i)\bfrutas?\b", spanish)
+        assert "log" in english or not re.search(r"(?i)\bregistros?\b", spanish)
