@@ -96,7 +96,7 @@ def draw(
 
 
 def disturb(bodies: Path, cases: Path, records: int = 1) -> None:
-    """So many cases of each body."""
+    """`records` cases of each body below `cases`."""
     cases.mkdir(parents=True, exist_ok=True)
     for truth, record in product(sorted(bodies.glob("*/truth.json")), range(1, records + 1)):
         print(disturbed(truth.parent, cases, record=record), flush=True)

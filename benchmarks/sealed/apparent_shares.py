@@ -34,8 +34,6 @@ USUAL_SHARES, LOG_SPREAD = (0.02, 0.01, 0.005, 0.002, 0.001, 0.0005), 1.0
 set by hand, wide."""
 LEAST_SHARE, MOST_SHARE = 1e-4, 1.0
 """Shares that are tried."""
-LISTED_SHARE = 1e-4
-"""Smaller shares are left out of the file. Set by hand: so little of an effect's prior changes nothing."""
 ORIGIN = """\
 # Standard deviation of the model's own error along each effect, over its prior standard deviation and the
 # compliance ratio: all shares together, by the likelihood of all cases (each fruit counts once). The scale of
@@ -166,16 +164,14 @@ def model_error_of(cases: Sequence[NullCase], *, usual: float = USUAL_SHARES[0])
 
 
 def usual_share_of(cases: Sequence[NullCase]) -> float:
-    """The largest median of the shares' prior under which held-out fruit are as likely as under the best one,
-    within a standard error over fruit (the rule of Breiman et al. 1984, section 3.4.3). Of one fruit, the
-    largest of all.
+    """The largest median of the shares' prior whose ln p of held-out fruit is within a standard error of the
+    best one's; two fruit or more. It is the one-standard-error rule (Breiman et al. 1984, section 3.4.3) with
+    the error of the difference, paired by fruit.
     """
     usual_scale = int(np.argmin(np.abs(np.log(SCALES))))
-    if len({case.fruit for case in cases}) == 1:
-        return USUAL_SHARES[0]
     by_fruit = np.array([held_out(cases, usual=usual)[:, usual_scale] for usual in USUAL_SHARES])
     less = by_fruit[by_fruit.sum(axis=1).argmax()] - by_fruit
-    within = less.sum(axis=1) <= np.sqrt(less.shape[1]) * less.std(axis=1)
+    within = less.sum(axis=1) <= np.sqrt(less.shape[1]) * less.std(axis=1, ddof=1)
     return USUAL_SHARES[int(within.argmax())]
 
 
@@ -236,9 +232,7 @@ def large_deformation_line(cases: Sequence[ReducedCase]) -> str:
 def file_text(cases: Sequence[NullCase], error: ModelError, *, command: str, written: date) -> str:
     """Text of model_error.csv; its first lines say from how many cases it is, and by which command."""
     fruit = len({case.fruit for case in cases})
-    listed = {SIZE: error.prior.size, FREEDOM: error.prior.freedom} | {
-        effect: share for effect, share in error.shares.items() if share >= LISTED_SHARE
-    }
+    listed = {SIZE: error.prior.size, FREEDOM: error.prior.freedom, **error.shares}
     lines = [f"{name},{number:.3g}\n" for name, number in listed.items()]
     origin = ORIGIN.format(cases=len(cases), fruit=fruit, command=command, written=written)
     return origin + "".join(["effect,share\n", *lines])

@@ -1,6 +1,7 @@
 """Bodies without mismatch from another simulator, exact and without noise, made into cases."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import trimesh
 from fem.mismatch.result import NONE
 from recon.surface.mesh_file import read_mesh, write_mesh
 from samples.fruit import scan_error_mm
-from samples.mismatch.bank import SEED, SETTINGS, write_answer
+from samples.mismatch.bank import SEED, SETTINGS, is_written, write_answer
 from samples.mismatch.drawn_fruit import MESH_ERRORS_MM, pit_error
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR, measured, with_drawn_noise
 from tactile.readers.recording import read_recording, write_recording
@@ -25,12 +26,13 @@ def disturbed(body: Path, cases: Path, *, record: int) -> str:
     """
     name = f"null-{body.name}-{record}"
     folder = cases / name
-    if folder.exists():
+    if is_written(cases, name):
         return name
     truth = json.loads((body / "truth.json").read_text(encoding="utf-8"))
     rng = np.random.default_rng([SEED, 4, *name.encode()])
     partial = folder.with_name(f".{name}.partial")
-    partial.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
     vertices, faces = read_mesh(body / "fruit.ply")
     rays = vertices - vertices.mean(axis=0)
     rays /= np.linalg.norm(rays, axis=1)[:, None]
@@ -52,6 +54,7 @@ def disturbed(body: Path, cases: Path, *, record: int) -> str:
             moved, force = measured(pad.displacement_mm, pad.force_N, noise, rng)
             pads.append(replace(pad, displacement_mm=moved, force_N=force))
         write_recording(partial / path.name, replace(recording, pads=tuple(pads)))
+    shutil.rmtree(folder, ignore_errors=True)
     partial.rename(folder)
     entry = {"effect": NONE, "parameters": {}, "E_MPa": truth["E"], "drawn_from": {"fruit": body.name}}
     write_answer(cases, name, entry)

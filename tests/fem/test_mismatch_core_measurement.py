@@ -269,6 +269,7 @@ def test_noise_of_the_forces_moves_markers_as_on_the_finer_mesh_alone(with_finer
         noises.append(drawn_force_noise(model.base, weigh, compliance=model.compliance))
     for ours, true in zip(*noises, strict=True):
         np.testing.assert_allclose(ours.force_N, true.force_N, atol=1e-9)
+        np.testing.assert_allclose(ours.weighed, true.weighed, atol=0.05 * np.abs(true.weighed).max())
         near = np.linalg.norm(ours.over_time(ours.response - true.response))
         assert near < 0.1 * np.linalg.norm(OfFinerMesh().fields(ours))
 

@@ -96,7 +96,7 @@ def test_every_shipped_category_has_a_name_in_each_language():
 
 
 def test_spanish_has_a_single_word_for_a_fruit_and_for_a_recording():
-    words = {**words_of("es"), **catalogue("es")}
-    for english, spanish in words.items():
+    translated = {**words_of("es"), **catalogue("es")}
+    for english, spanish in translated.items():
         assert not re.search(r"(?i)\bfrutas?\b", spanish)
-        assert "log" in english or not re.search(r"(?i)\bregistros?\b", spanish)
+        assert re.search(r"(?i)\blogs?\b", english) or not re.search(r"(?i)\bregistros?\b", spanish)

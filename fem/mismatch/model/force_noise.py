@@ -242,19 +242,16 @@ def drawn_force_noise(
 ) -> list[ForceNoise]:
     """Draws of each recording's noise, as measured in its no-contact frames, with their adjoint fields.
 
-    One solve serves the fields of all recordings. A recording with a finer mesh has DRAWS draws.
+    One solve serves the fields of all recordings. `draws`: the first of DRAWS.
     """
     drawn = parallel_map(
-        lambda recording: drawn_noise(
-            recording, base.case.budget, draws if recording.finer_noise is None else DRAWS
-        ),
-        base.grasps,
-        workers=workers,
+        lambda recording: drawn_noise(recording, base.case.budget), base.grasps, workers=workers
     )
+    drawn = [(places[:draws], force_N[:draws]) for places, force_N in drawn]
     forces = [force_N for _, force_N in drawn]
     solved = _solved(base, forces)
     responses = [
-        coarse if recording.finer_noise is None else recording.finer_noise
+        coarse if recording.finer_noise is None else recording.finer_noise[:draws]
         for recording, (_, coarse) in zip(base.grasps, solved, strict=True)
     ]
     weighed, pulled = [], []
@@ -287,12 +284,14 @@ def _shares(recording: GraspResponse) -> Float[np.ndarray, "f r"]:
 
 
 def drawn_noise(
-    recording: GraspResponse, budget: ErrorBudget, draws: int = DRAWS
+    recording: GraspResponse, budget: ErrorBudget
 ) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p r n 3"]]:
-    """Noise of the markers' positions, and of the forces for each pattern; every call has the same."""
+    """DRAWS draws of the noise of the markers' positions, and of the forces for each pattern; every call has
+    the same.
+    """
     rng = np.random.default_rng(0)
     drawn = [
-        _of_pad(pad, denoised, recording.used, budget, draws, rng)
+        _of_pad(pad, denoised, recording.used, budget, DRAWS, rng)
         for pad, denoised in zip(recording.case.history.pads, recording.denoised, strict=True)
     ]
     places, forces = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
