@@ -263,15 +263,18 @@ def test_what_a_finer_mesh_adds_is_not_exact_for_other_laws(with_finer_mesh):
 def test_noise_of_the_forces_moves_markers_as_on_the_finer_mesh_alone(with_finer_mesh):
     """The same draws, on a model that has no other mesh; places of touch differ by the mesh."""
     alone = small_strain_model(replace(injected_case(noise=0.0), mesh=true_mesh()))
-    noises = []
-    for model in (with_finer_mesh, alone):
-        weigh = [GraspEquations.of(model, recording).weighed_markers for recording in model.grasps]
-        noises.append(drawn_force_noise(model.base, weigh, compliance=model.compliance))
-    for ours, true in zip(*noises, strict=True):
-        np.testing.assert_allclose(ours.force_N, true.force_N, atol=1e-9)
-        np.testing.assert_allclose(ours.weighed, true.weighed, atol=0.05 * np.abs(true.weighed).max())
-        near = np.linalg.norm(ours.over_time(ours.response - true.response))
-        assert near < 0.1 * np.linalg.norm(OfFinerMesh().fields(ours))
+    compliance = with_finer_mesh.compliance
+    weigh = [GraspEquations.of(with_finer_mesh, each).weighed_markers for each in with_finer_mesh.grasps]
+    ours, true = (
+        drawn_force_noise(model.base, weigh, compliance=compliance) for model in (with_finer_mesh, alone)
+    )
+    for noise, expected, weighed in zip(ours, true, weigh, strict=True):
+        np.testing.assert_allclose(noise.force_N, expected.force_N, atol=1e-9)
+        added = OfFinerMesh().fields(noise)
+        near = np.linalg.norm(noise.over_time(noise.response - expected.response))
+        assert near < 0.1 * np.linalg.norm(added)
+        of_added = np.stack([weighed(field) for field in added])
+        assert np.linalg.norm(noise.weighed - expected.weighed) < 0.1 * np.linalg.norm(of_added)
 
 
 def test_effects_of_no_size_leave_the_response_of_the_finer_mesh(with_finer_mesh):
