@@ -10,9 +10,6 @@ from fem.estimation.frame_thinning import spacing
 from fem.estimation.grasp_model import GraspModel
 from fem.grasp_history import GraspHistory, PadHistory
 
-SMALLEST_SD_MM = 5e-4
-"""Half a micrometre: noise assumed for a recording without measurable noise, for finite weights."""
-
 
 def marker_tracks(
     history: GraspHistory, model: GraspModel, frames: Bool[np.ndarray, " t"]
@@ -44,7 +41,7 @@ def tracks_of(
         unit_displacement=unit_displacement,
         gel_displacement_mm=np.concatenate([pad.gel_displacement_mm[frames] for pad in history.pads], axis=1),
         episode=np.concatenate([pad.episode[frames] for pad in history.pads], axis=1),
-        sd_mm=per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),
+        sd_mm=per_marker(history, lambda pad: pad.displacement_sd_mm),
         lag1=per_marker(history, lambda pad: pad.lag1 ** spacing(frames)),
     )
 

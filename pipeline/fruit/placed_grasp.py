@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import SMALLEST_SD_MM, SMALLEST_SHARE_OF_FORCE, GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.batch.settings import SensorSettings
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
@@ -248,6 +248,7 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
     pads = []
     for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True):
         used = contact.patch & (pad.on_skin | (contact.onset >= 0))
+        least_N = SMALLEST_SHARE_OF_FORCE * float(np.abs(contact.force_N).max())
         pads.append(
             PadHistory(
                 name=contact.name,
@@ -257,8 +258,8 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
                 gel_displacement_mm=contact.gel_displacement_mm[:, used],
                 force_N=contact.force_N[:, used],
                 episode=contact.episode[:, used],
-                displacement_sd_mm=contact.displacement_noise.sd,
-                force_sd_N=contact.force_noise.sd,
+                displacement_sd_mm=max(contact.displacement_noise.sd, SMALLEST_SD_MM),
+                force_sd_N=max(contact.force_noise.sd, least_N),
                 lag1=contact.displacement_noise.lag1,
                 surface_sd_mm=grasp.surface_sd_mm.get(contact.name),
             )

@@ -20,6 +20,7 @@ from small_batches import run, said_with
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
+from fem.grasp_history import SMALLEST_SD_MM
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -87,6 +88,21 @@ def test_the_meshs_error_reaches_each_pad_from_the_skin_that_it_touches_alone():
     assert known.surface_sd_mm == pytest.approx({touched: 0.3, other: 0.05})
     pads = {pad.name: pad.surface_sd_mm for pad in history(known).pads}
     assert pads == pytest.approx({touched: 0.3, other: 0.05})
+
+
+def test_a_recording_without_noise_counts_as_one_of_a_fine_sensor(graded):
+    grasp, _ = graded
+    silent = tuple(
+        replace(
+            pad,
+            displacement_noise=replace(pad.displacement_noise, sd=0.0),
+            force_noise=replace(pad.force_noise, sd=0.0),
+        )
+        for pad in grasp.contact.pads
+    )
+    for pad in history(replace(grasp, contact=replace(grasp.contact, pads=silent))).pads:
+        assert pad.displacement_sd_mm == SMALLEST_SD_MM
+        assert pad.force_sd_N == pytest.approx(1e-4 * np.abs(pad.force_N).max(), rel=0.01)
 
 
 @pytest.fixture(scope="module")
