@@ -4,12 +4,14 @@ For tests that compare one way of computing with another on the same mesh.
 """
 
 from functools import cache
+from unittest import mock
 
 import numpy as np
 from fem_shapes import ball
 from recorded_pad import recorded_pad
 
 from fem.grasp_history import GraspHistory
+from fem.mesh import flesh_mesh
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.solid.linear_solid import UnitModulusSolid
@@ -22,6 +24,14 @@ PIT_MIDDLE_MM = np.array([0.5, -0.8, 1.0])
 FOOT_MM = -15.5
 AXIS = np.linspace(-3.0, 3.0, 5)
 FLAT = np.stack(np.meshgrid(AXIS, AXIS, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def coarse_mesh(*surfaces: np.ndarray, longest_share: float) -> FleshMesh:
+    """Flesh between a skin and a pit (vertices and faces each). `longest_share`: edges as a share of the cube
+    root of the volume; grading has an eighth at most.
+    """
+    with mock.patch.object(flesh_mesh, "LARGEST_SHARE", longest_share):
+        return tetrahedralise(*surfaces, edge_mm=np.inf)
 
 
 @cache
