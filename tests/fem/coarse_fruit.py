@@ -24,33 +24,41 @@ PIT_MIDDLE_MM = np.array([0.5, -0.8, 1.0])
 FOOT_MM = -15.5
 AXIS = np.linspace(-3.0, 3.0, 5)
 FLAT = np.stack(np.meshgrid(AXIS, AXIS, indexing="ij"), axis=-1).reshape(-1, 2)
+LONGEST_SHARE = 1 / 6
+"""Edges as a share of the cube root of the volume; grading has an eighth at most."""
 
 
 def coarse_mesh(*surfaces: np.ndarray, longest_share: float) -> FleshMesh:
-    """Flesh between a skin and a pit (vertices and faces each). `longest_share`: edges as a share of the cube
-    root of the volume; grading has an eighth at most.
-    """
+    """Flesh between a skin and a pit (vertices and faces each) in elements longer than those of grading."""
     with mock.patch.object(flesh_mesh, "LARGEST_SHARE", longest_share):
         return tetrahedralise(*surfaces, edge_mm=np.inf)
 
 
-@cache
-def fruit_mesh() -> FleshMesh:
+def fruit_mesh(longest_share: float = LONGEST_SHARE) -> FleshMesh:
     """Some ten thousand degrees of freedom."""
+    return _fruit_mesh(longest_share)
+
+
+@cache
+def _fruit_mesh(longest_share: float) -> FleshMesh:
     vertices, faces = ball(2000, semi_axes_mm=HALF_AXES_MM)
     vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
     pit = ball(800, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
-    return tetrahedralise(vertices, faces, *pit, edge_mm=6.0)
+    return coarse_mesh(vertices, faces, *pit, longest_share=longest_share)
+
+
+def pinch(longest_share: float = LONGEST_SHARE) -> GraspHistory:
+    """Four frames: two of pressing, one of shear within each pad, and one in which a single pad presses."""
+    return _pinch(longest_share)
 
 
 @cache
-def pinch() -> GraspHistory:
-    """Four frames: two of pressing, one of shear within each pad, and one in which a single pad presses."""
+def _pinch(longest_share: float) -> GraspHistory:
     half_x = HALF_AXES_MM[0] * np.sqrt(1 - ((FLAT / HALF_AXES_MM[1:]) ** 2).sum(axis=1))
     bowl = 0.02 * np.exp(-(FLAT**2).sum(axis=1) / 8)
     pads, rest = [], np.column_stack([FLAT, np.zeros(len(FLAT))])
     for name, side in (("left", -1.0), ("right", 1.0)):
-        place = locate(fruit_mesh(), np.column_stack([side * half_x, FLAT])).point_mm
+        place = locate(fruit_mesh(longest_share), np.column_stack([side * half_x, FLAT])).point_mm
         force = np.zeros((4, len(FLAT), 3))
         force[0, :, 0], force[1, :, 0] = -side * 0.4 * bowl, -side * bowl
         force[2, :, 1:] = 0.3 * FLAT[:, ::-1] * bowl[:, None]
@@ -67,11 +75,15 @@ def lowest_nodes(mesh: FleshMesh) -> np.ndarray:
     return np.sort(skin[np.argsort(mesh.nodes_mm[skin, 2])[:3]])
 
 
-@cache
-def fruit_solid(support: str) -> UnitModulusSolid:
+def fruit_solid(support: str, longest_share: float = LONGEST_SHARE) -> UnitModulusSolid:
     """Factorised for the pinch's contact and three nodes at the foot."""
-    mesh = fruit_mesh()
-    nodes = np.union1d(contact_nodes(mesh, [pinch()]), lowest_nodes(mesh))
+    return _fruit_solid(support, longest_share)
+
+
+@cache
+def _fruit_solid(support: str, longest_share: float) -> UnitModulusSolid:
+    mesh = fruit_mesh(longest_share)
+    nodes = np.union1d(contact_nodes(mesh, [pinch(longest_share)]), lowest_nodes(mesh))
     return UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support=support, contact_nodes=nodes)
 
 

@@ -1,10 +1,12 @@
 """The model of a grasp and its sensitivities, against full solves on changed meshes and constants."""
 
 from dataclasses import replace
+from functools import partial
 
+import coarse_fruit
 import numpy as np
 import pytest
-from coarse_fruit import NU, all_nodes, fruit_mesh, fruit_solid, lowest_nodes, pinch
+from coarse_fruit import NU, all_nodes, lowest_nodes
 from injected_mismatch import E_MPA, injected_case, linear_and_refitted
 from plain_model import case_model
 
@@ -31,6 +33,11 @@ from fem.solid.pad_link import contact_nodes, pad_link
 from fem.solid.rigid_core import rigid_modes
 from fem.solid.shape_derivative import pit_velocities, skin_velocities, stiffness_change, work_of_change
 
+# derivatives by moved nodes depend on the mesh: on the coarse one they miss by up to 6 in 1000
+fruit_mesh, fruit_solid, pinch = (
+    partial(of_mesh, longest_share=1 / 8)
+    for of_mesh in (coarse_fruit.fruit_mesh, coarse_fruit.fruit_solid, coarse_fruit.pinch)
+)
 SHIFT = np.array([0.6, -0.64, 0.48])
 SHIFT_MM, SIZE, RATIO = 0.25, 0.02, 0.005
 SUPPORTS = ("free", "base")
