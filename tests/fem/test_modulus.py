@@ -392,7 +392,7 @@ def test_separate_patches_are_not_bridged():
 
 SIZES = {"edge_mm": 9.0, "refine_edge_mm": 5.0}
 SILENT = Sensor(displacement_mm=0.0, force_N=0.0, gel_scale=0.0, force_scale=0.0)
-DRAWS = 24
+DRAWS = 12
 
 
 @pytest.mark.slow
