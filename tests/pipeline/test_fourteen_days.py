@@ -132,8 +132,7 @@ def test_the_page_says_that_both_grippers_measured_the_same_ids(season):
 
 def test_what_was_replaced_stays(season):
     by_revision = queried(
-        season.store,
-        "SELECT revision, lot FROM result WHERE measured = '2026-08-10' AND gripper = 'G2'",
+        season.store, "SELECT revision, lot FROM result WHERE measured = '2026-08-10' AND gripper = 'G2'"
     )
     assert sorted(by_revision) == [(0, "X"), (1, "A")]
     E = queried(
