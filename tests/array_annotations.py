@@ -8,7 +8,7 @@ a container; one named without has the same size wherever the name stands in a s
 import inspect
 from collections import Counter
 from collections.abc import Callable
-from functools import wraps
+from functools import cache, wraps
 from typing import Any, TypeVar, get_args
 
 from beartype import BeartypeConf, beartype
@@ -63,10 +63,11 @@ def first_calls_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
             code = id(getattr(plain, "__code__", None))
             if not any(isinstance(hint, str) or has_array(hint) for hint in hints) or CALLS[code] >= CHECKED:
                 return defined
-            checked = wrap(defined)
             if not of_class:
-                return _checked_first(checked, plain)
-            checked.__init__ = _checked_first(checked.__init__, plain)
+                return _checked_first(cache(lambda: wrap(defined)), plain)
+            checked = wrap(defined)
+            initialise = checked.__init__
+            checked.__init__ = _checked_first(lambda: initialise, plain)
             return checked
 
         return decorate
@@ -74,13 +75,13 @@ def first_calls_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
     return decorated
 
 
-def _checked_first(checked: Callable[..., Any], plain: Callable[..., Any]) -> Callable[..., Any]:
-    """The checked function in its first calls of a test, the plain one in later calls."""
+def _checked_first(checked: Callable[[], Any], plain: Callable[..., Any]) -> Callable[..., Any]:
+    """The checked function, made at its first call, in its first calls of a test; the plain one later."""
     code = id(plain.__code__)
 
     @wraps(plain)
     def call(*args: Any, **named: Any) -> Any:
         CALLS[code] += 1
-        return (checked if CALLS[code] <= CHECKED else plain)(*args, **named)
+        return (checked() if CALLS[code] <= CHECKED else plain)(*args, **named)
 
     return call

@@ -52,9 +52,12 @@ def _large(markers: int, pads: tuple[str, ...]) -> Change:
 
 @cache
 def _packed(count: int) -> bytes:
-    """So many zeros by deflate."""
-    packer, block = zlib.compressobj(6), bytes(1_000_000)
-    return b"".join(packer.compress(block) for _ in range(count // len(block))) + packer.flush()
+    """So many zeros by deflate, in equal blocks of a megabyte, each packed without the others."""
+    packer, block = zlib.compressobj(), bytes(1_000_000)
+    packed = [packer.compress(block) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2)]
+    end = zlib.compressobj(wbits=-zlib.MAX_WBITS).flush()
+    checksum = struct.pack(">2H", count % 65521, 1)  # Adler-32 of zeros
+    return packed[0] + (count // len(block) - 1) * packed[1] + end + checksum
 
 
 def _unpacks_to(place: str, count: int) -> Change:
@@ -90,6 +93,12 @@ def _recordings() -> Iterator[Broken]:
 
 def _avi(side: int, *, claimed: tuple[int, int] | None = None) -> bytes:
     """An AVI of five square JPEG frames; `claimed`: width and height that its header states instead."""
+    stated = struct.pack("<2i", *(claimed or (side, side)))
+    return _written_avi(side).replace(struct.pack("<2i", side, side), stated)
+
+
+@cache
+def _written_avi(side: int) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.avi"
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (side, side))
@@ -97,12 +106,7 @@ def _avi(side: int, *, claimed: tuple[int, int] | None = None) -> bytes:
         for _ in range(5):
             writer.write(grey)
         writer.release()
-        made = path.read_bytes()
-    return (
-        made
-        if claimed is None
-        else made.replace(struct.pack("<2i", side, side), struct.pack("<2i", *claimed))
-    )
+        return path.read_bytes()
 
 
 def _video(make: Callable[[], bytes]) -> Change:

@@ -151,9 +151,7 @@ def line_changed(what: str) -> Change:
 
 
 NESTED = {
-    "toml": {
-        "nested 5000 deep": with_bytes(lambda d: b"z = " + b"[" * 5000 + b"]" * 5000 + b"\n" + d),
-    },
+    "toml": {"nested 5000 deep": with_bytes(lambda d: b"z = " + b"[" * 5000 + b"]" * 5000 + b"\n" + d)},
     "json": {"nested 5000 deep": with_bytes(lambda d: b'{"a":' * 5000 + d + b"}" * 5000)},
     "csv": {
         "cell of 200,000": with_bytes(lambda d: d.rstrip() + b"," + b"9" * 200_000 + b"\n"),

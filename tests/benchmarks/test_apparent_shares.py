@@ -151,12 +151,7 @@ def test_the_file_holds_shares_by_name_and_names_their_origin():
     assert "4 cases of 3 fruit" in header
     assert "python benchmarks/mismatch_scores.py, 2026-11-28" in header
     shares = {row["effect"]: row["share"] for row in csv.DictReader(x for x in lines if x[0] != "#")}
-    assert shares == {
-        SIZE: "0.66",
-        model_error.FREEDOM: "3",
-        "skin": "0.03",
-        "slip": "0.0001",
-    }
+    assert shares == {SIZE: "0.66", model_error.FREEDOM: "3", "skin": "0.03", "slip": "0.0001"}
 
 
 def test_the_priors_size_and_freedom_are_those_of_drawn_fruit():

@@ -154,10 +154,7 @@ def test_a_label_that_was_changed_is_found(proof, capsys):
 
 @pytest.mark.parametrize(
     ("is_committed", "said"),
-    [
-        (True, "do not come before salt and labels"),
-        (False, "answers.jsonl differs from what was committed"),
-    ],
+    [(True, "do not come before salt and labels"), (False, "answers.jsonl differs from what was committed")],
 )
 def test_an_answer_that_is_changed_after_the_reveal_is_found(proof, capsys, is_committed, said):
     path = proof / "proof" / "answers.jsonl"

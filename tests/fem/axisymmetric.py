@@ -13,10 +13,7 @@ from scipy.sparse.linalg import spsolve
 
 def lagrange(x):
     """The three quadratic polynomials on [-1, 1] and their slopes, at points x: (3, p) each."""
-    return (
-        np.stack([x * (x - 1) / 2, 1 - x**2, x * (x + 1) / 2]),
-        np.stack([x - 0.5, -2 * x, x + 0.5]),
-    )
+    return (np.stack([x * (x - 1) / 2, 1 - x**2, x * (x + 1) / 2]), np.stack([x - 0.5, -2 * x, x + 0.5]))
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ recording by its definition alone.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
+from unittest import mock
 
+import coarse_fruit
 import numpy as np
-from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
+from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM, store, stored
 from fem_shapes import ball
 from jaxtyping import Int
 from plain_model import case_model, screened_effects
@@ -19,6 +20,7 @@ from recorded_pad import recorded_pad
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh import flesh_mesh
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
@@ -30,8 +32,6 @@ from fem.mismatch.selection.screening import LinearRound
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes, pad_link
 
-STORED = Path(__file__).parents[1] / "data" / "injected-fruit"
-NUMBERS = ("tets", "outer_faces", "pit_nodes")
 E_MPA = 0.25
 AXIS = np.linspace(-3.6, 3.6, 7)
 FLAT = np.column_stack(
@@ -70,29 +70,23 @@ def meshed(
 
 @cache
 def finders_mesh() -> FleshMesh:
-    """The mesh that the finder is handed; `meshed(10.0, 2.8, 1000)`, stored (see store_meshes)."""
-    return _stored("finders")
+    """The mesh that the finder is handed; coarse but where pads press; stored (see store_meshes)."""
+    return stored("finders")
 
 
 @cache
 def true_mesh() -> FleshMesh:
     """The mesh that the truth is solved on; `meshed(9.0, 2.0, 2000)`, stored (see store_meshes)."""
-    return _stored("true")
+    return stored("true")
 
 
 def store_meshes() -> None:
-    """Make both meshes again. Stored, because the mesher starts from the clock: with another mesh in each run
-    what these tests compare moves by up to a fifth.
-    """
-    for name, mesh in (("finders", meshed(10.0, 2.8, 1000)), ("true", meshed(9.0, 2.0, 2000))):
-        numbers = {key: getattr(mesh, key).astype(np.int32) for key in NUMBERS}
-        np.savez_compressed(STORED / f"{name}.npz", nodes_mm=mesh.nodes_mm.astype(np.float32), **numbers)
-
-
-def _stored(name: str) -> FleshMesh:
-    with np.load(STORED / f"{name}.npz", allow_pickle=False) as archive:
-        numbers = {key: archive[key].astype(np.int64) for key in NUMBERS}
-        return FleshMesh(nodes_mm=archive["nodes_mm"].astype(float), **numbers)
+    """Make the stored meshes again."""
+    coarser = {"LARGEST_SHARE": 1 / 6, "VOLUME_TOLERANCE": 6e-3}  # the pit's volume is 4 in 1000 too small
+    with mock.patch.multiple(flesh_mesh, **coarser):
+        store("finders", meshed(10.0, 2.8, 1000))
+    store("true", meshed(9.0, 2.0, 2000))
+    store("coarse", coarse_fruit.meshed(1 / 7.5))
 
 
 def pad_axes(grasp: int, side: float) -> np.ndarray:

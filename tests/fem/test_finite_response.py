@@ -122,12 +122,7 @@ def finite(history) -> FiniteStrainSolid:
 @pytest.fixture(scope="module")
 def response(history, driven, finite):
     return finite_response(
-        driven,
-        finite,
-        recorded=history,
-        force_sd_N=FORCE_SD_N,
-        modulus_MPa=TRUE["E"],
-        scale_sd=SCALE_SD,
+        driven, finite, recorded=history, force_sd_N=FORCE_SD_N, modulus_MPa=TRUE["E"], scale_sd=SCALE_SD
     )
 
 

@@ -250,10 +250,10 @@ def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
     mesh = tetrahedralise(
         *(corner, faces),
         *ball(4000, semi_axes_mm=(5, 5, 5), centre_mm=(10, 10, 10)),
-        edge_mm=1.8,
+        edge_mm=2.2,
         refine_at_mm=np.array([[13.0, 11.0, 20.0]]),
         refine_radius_mm=7.0,
-        refine_edge_mm=1.25,
+        refine_edge_mm=1.6,
     )
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="base")
     points, area = skin_quadrature(mesh)

@@ -274,9 +274,7 @@ def explanation(
 
 
 def reported(
-    *explanations: tuple[Hypothesis, Modulus | None],
-    verdict: str = "skin",
-    heldout: HeldOut | None = None,
+    *explanations: tuple[Hypothesis, Modulus | None], verdict: str = "skin", heldout: HeldOut | None = None
 ) -> Modulus:
     weighed = [(known.probability, modulus_by(known, E, PLAIN, heldout)) for known, E in explanations]
     return reported_modulus(verdict, weighed, PLAIN)

@@ -194,9 +194,7 @@ def rms(field: np.ndarray) -> float:
 
 
 def beyond_motions(
-    model: CaseModel,
-    unit: Float[np.ndarray, "f n 3"],
-    shift_mm: Float[np.ndarray, "f n 3"],
+    model: CaseModel, unit: Float[np.ndarray, "f n 3"], shift_mm: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "f n 3"]:
     """What a model leaves of the first recording's markers where E is E_MPA, mm."""
     recording = model.grasps[0]

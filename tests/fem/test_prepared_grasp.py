@@ -10,13 +10,7 @@ from recorded_pad import recorded_pad
 from refusals import refused
 
 from fem.estimation.coloured_noise import variance_inflation
-from fem.estimation.compliance_fit import (
-    GAUGE_SD_MM,
-    MarkerTracks,
-    fit_compliance,
-    information,
-    rigid_motion,
-)
+from fem.estimation.compliance_fit import GAUGE_SD_MM, MarkerTracks, fit_compliance, information, rigid_motion
 from fem.estimation.energy_ratio import energy_ratio
 from fem.estimation.finer_patterns import MOST_FINER, SMOOTHING, with_finer_patterns
 from fem.estimation.prepared_grasp import (

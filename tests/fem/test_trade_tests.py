@@ -28,11 +28,7 @@ def simulated(pit_share, *, nu_sd=0.0, pit_sd=0.0, vertices=4000, radius_mm=RADI
     fruit = ball(vertices, semi_axes_mm=np.full(3, radius_mm))
     pit = ball(1200, semi_axes_mm=np.full(3, pit_share * radius_mm))
     return simulated_presses(
-        fruit,
-        pit if pit_share else None,
-        poisson_ratio=NU,
-        poisson_ratio_sd=nu_sd,
-        pit_size_sd=pit_sd,
+        fruit, pit if pit_share else None, poisson_ratio=NU, poisson_ratio_sd=nu_sd, pit_size_sd=pit_sd
     )
 
 
@@ -202,8 +198,7 @@ def test_depth_under_the_ball_is_hertz_solved_for_depth():
 
 
 @pytest.mark.parametrize(
-    ("name", "power"),
-    [("plates_2pct_N", 1), ("s368_5pct_MPa", 1), ("chord_50_350gf_gf_per_mm", 2 / 3)],
+    ("name", "power"), [("plates_2pct_N", 1), ("s368_5pct_MPa", 1), ("chord_50_350gf_gf_per_mm", 2 / 3)]
 )
 def test_the_error_of_e_goes_into_a_reading_as_hertz_says(name, power, monkeypatch):
     """Force goes with E; depth at a force, and so the slope, with its power 2/3."""

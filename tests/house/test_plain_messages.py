@@ -21,10 +21,7 @@ SQL = r"(CREATE|SELECT|INSERT|PRAGMA|DROP) "
 FOLDERS = ("pipeline", "recon", "tactile", "fem", "reports", "drupe")
 NOT_READ = ("fem/mismatch", "fem/indentation")
 """The words of effects and contact laws have tests of their own."""
-FILE_GUARDS = (
-    "pipeline/files/",
-    "pipeline/batch/write_guard.py",
-)
+FILE_GUARDS = ("pipeline/files/", "pipeline/batch/write_guard.py")
 """Say what a path is in a few fixed phrases ("is no text"); their length is checked, their terms are not."""
 BANNED = (
     r"held against",

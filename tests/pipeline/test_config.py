@@ -10,13 +10,7 @@ from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
-from pipeline.batch.plausible_numbers import (
-    grading_doubts,
-    kind_of,
-    mesh_doubt,
-    row_doubts,
-    table_doubts,
-)
+from pipeline.batch.plausible_numbers import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.batch.settings_file import MOST_BYTES, read_settings
 from pipeline.files.plain_file import NotReadable, _line_of_deep_key, toml_of
@@ -122,15 +116,9 @@ def test_a_coin_is_known_by_name_or_given_by_its_diameter(tmp_path):
         ("poisson_ratio = 0.5\n", '"poisson_ratio": found 0.5'),
         ("[mesh]\nedge_mm = -1\n", '"mesh.edge_mm": found -1'),
         ('[[grading.classes]]\nname = "a"\nE_max_MPa = 1.0\n', "must have no E_max_MPa"),
-        (
-            "[grading]\ncertainty = 0.4\n",
-            '"grading.certainty": found 0.4; expected 0.5 or more',
-        ),
+        ("[grading]\ncertainty = 0.4\n", '"grading.certainty": found 0.4; expected 0.5 or more'),
         ("[grading]\ncertainty = 90\n", "is it in per cent (0.9)?"),
-        (
-            "[grading]\ninspect_below_p = 5\n",
-            "expected at most 1: is it in per cent (0.05)?",
-        ),
+        ("[grading]\ninspect_below_p = 5\n", "expected at most 1: is it in per cent (0.05)?"),
         (
             '[[grading.classes]]\nname = "a"\nE_max_MPa = 1.0\n'
             '[[grading.classes]]\nname = "b"\nE_max_MPa = 0.5\n[[grading.classes]]\nname = "c"\n',

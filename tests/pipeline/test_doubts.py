@@ -90,12 +90,7 @@ def grasp(number, *findings):
 
 
 def gain(relative_sd=0.2, pads=("left", "right")):
-    return Finding(
-        kind=FindingKind.SCALE,
-        says="forces are 1.3 times",
-        pads=pads,
-        relative_sd=relative_sd,
-    )
+    return Finding(kind=FindingKind.SCALE, says="forces are 1.3 times", pads=pads, relative_sd=relative_sd)
 
 
 def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():

@@ -238,10 +238,7 @@ def test_every_table_holds_what_pandas_reads_from_the_users_own(drupe, batch, re
     assert drupe("report", results).status == 0
     written = pd.read_csv(batch / "fruits.csv").set_index("fruit_id")[["Brix", "grower"]]
     json_rows = pd.DataFrame(json.loads((results / "ranking.json").read_text()))
-    tables = {
-        "ranking.json": json_rows,
-        "drupe.read": public.read(results).ranking,
-    }
+    tables = {"ranking.json": json_rows, "drupe.read": public.read(results).ranking}
     for name, table in tables.items():
         assert list(table.columns[-2:]) == ["Brix", "grower"], name
         columns = table.set_index("fruit_id")[["Brix", "grower"]].astype(object)

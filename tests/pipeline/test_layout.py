@@ -178,16 +178,7 @@ def test_grading_prints_what_is_not_used_and_not_more_than_can_be_read(batch, mo
 
 def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):
     (tmp_path / "grasps").mkdir()
-    for name in (
-        "a.zip",
-        "b.mp4",
-        "c.pcd",
-        "d.heic",
-        "e.npz",
-        "f.step",
-        "grasps/h.zip",
-        "grasps/i.jpg",
-    ):
+    for name in ("a.zip", "b.mp4", "c.pcd", "d.heic", "e.npz", "f.step", "grasps/h.zip", "grasps/i.jpg"):
         (tmp_path / name).touch()
     (tmp_path / "fruit.ply").touch()
     said = " ".join(unused.sentence for unused in unused_of_fruit(FruitFolder(tmp_path)))

@@ -27,11 +27,7 @@ from recon.surface import relief as module
 from recon.surface.photo_consistency import Patches, agreement, best_offsets, grey_views
 from recon.surface.ray_mesh import open3d, seeing_views
 from recon.surface.relief import Relief, relief
-from recon.surface.relief_search import (
-    at_edge,
-    mean_curvature,
-    outline_mesh,
-)
+from recon.surface.relief_search import at_edge, mean_curvature, outline_mesh
 from recon.triangle_mesh import vertex_normals
 
 VIEWS, SAMPLES, DRAWN_MM = 24, 96, 0.25

@@ -10,12 +10,7 @@ from scipy.spatial.transform import Rotation
 from samples.brick_flesh import BrickFlesh, flesh_of, rigid_tie
 from samples.gel_contact import Gel
 from samples.hexahedra import flesh_bricks
-from samples.mismatch.altered_flesh import (
-    integration_points_mm,
-    soft_spot,
-    stiffer_along_stem,
-    with_skin,
-)
+from samples.mismatch.altered_flesh import integration_points_mm, soft_spot, stiffer_along_stem, with_skin
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.flesh_laws import (
     Damaged,

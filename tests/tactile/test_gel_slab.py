@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 from periodic_slab import traction_response
 from scipy.sparse.linalg import splu
-from skfem import (
-    Basis,
-    BilinearForm,
-    ElementHex2,
-    ElementVector,
-    FacetBasis,
-    LinearForm,
-    MeshHex,
-)
+from skfem import Basis, BilinearForm, ElementHex2, ElementVector, FacetBasis, LinearForm, MeshHex
 from skfem.helpers import ddot, eye, sym_grad, trace
 from turned_camera import turned_camera
 

@@ -35,10 +35,7 @@ from tactile.tactile_failure import TactileFailure
         ('time_s,aperture_mm\n0,"60,5"\n', "; it has a decimal comma; write 60.5."),
         ("time_s,aperture_mm\n0,6_0\n", "; write 60."),
         ("time_s,aperture_mm\n0,\u0666\u0660\n", "; write 60."),
-        (
-            "time_s,aperture_mm\n0,nan\n",
-            'aperture_mm: found "nan" in row 2, expected a number',
-        ),
+        ("time_s,aperture_mm\n0,nan\n", 'aperture_mm: found "nan" in row 2, expected a number'),
         (
             "time_s,aperture_mm\n0,60,5\n",
             "found 3 cells in row 2, expected 2 as in the header, and numbers with",

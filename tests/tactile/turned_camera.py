@@ -22,9 +22,5 @@ def turned_camera(
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = -away_mm * pose[:3, 2]
     return GelCamera(
-        image_px=image_px,
-        focal_px=focal_px,
-        centre_px=centre_px,
-        distortion=distortion,
-        gel_from_camera=pose,
+        image_px=image_px, focal_px=focal_px, centre_px=centre_px, distortion=distortion, gel_from_camera=pose
     )

@@ -147,11 +147,7 @@ def test_a_device_sees_the_page_after_it_sent_its_token(server):
 
 @pytest.mark.parametrize(
     ("path", "status", "text"),
-    [
-        ("/judge?fruit=N1", 200, "form of N1"),
-        ("/scan?code=N1", 303, ""),
-        ("/report.html", 200, "report"),
-    ],
+    [("/judge?fruit=N1", 200, "form of N1"), ("/scan?code=N1", 303, ""), ("/report.html", 200, "report")],
 )
 def test_every_address_asks_for_the_session(server, path, status, text):
     assert ask(server, path, Cookie=session(server))[::2] == (status, text)
@@ -276,8 +272,7 @@ def test_no_suite_without_encryption_or_certificate_is_offered(server):
 
 
 @pytest.mark.parametrize(
-    "headers",
-    [{"Sec_Fetch_Site": "cross-site"}, {"Sec_Fetch_Site": "same-site"}, {"Sec_Fetch_Site": "none"}],
+    "headers", [{"Sec_Fetch_Site": "cross-site"}, {"Sec_Fetch_Site": "same-site"}, {"Sec_Fetch_Site": "none"}]
 )
 def test_a_token_from_another_page_is_not_taken(server, headers):
     assert login(server, server.token, **headers)[0] == 403
