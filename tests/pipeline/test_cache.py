@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
-from coarse_fruit import coarse_mesh
 from jaxtyping import Float, Int
 from pydantic import ValidationError
 from recorded_pad import recorded_pad
@@ -21,6 +20,7 @@ from fem.estimation.prepared_grasp import prepared_grasp
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes, pad_link
 from pipeline.batch import cache
@@ -270,7 +270,7 @@ def mesh():
     pit = trimesh.creation.icosphere(subdivisions=3, radius=6.0)
     surfaces = (np.asarray(fruit.vertices), np.asarray(fruit.faces, dtype=np.int64))
     inner = (np.asarray(pit.vertices), np.asarray(pit.faces, dtype=np.int64))
-    return coarse_mesh(*surfaces, *inner, longest_share=1 / 5)
+    return tetrahedralise(*surfaces, *inner, edge_mm=5.0)
 
 
 def pressed(mesh, axis):
