@@ -48,6 +48,7 @@ from reports.words import (
     effect_name,
     number,
     p_words,
+    reading_title,
     remarks,
     verdict,
     with_sd,
@@ -298,7 +299,7 @@ def reading_columns(batch: BatchEntry) -> list[str]:
 def _reading_words(batch: BatchEntry, name: str) -> str:
     """Title of a simulated firmness test with its unit; without a title, the name of its column."""
     title, unit = batch.reading_titles.get(name, (name, ""))
-    return f"{message(title)} ({unit})" if unit else title
+    return f"{reading_title(title)} ({unit})" if unit else title
 
 
 def _first_large(text: str) -> str:

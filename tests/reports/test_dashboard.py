@@ -45,9 +45,9 @@ FIRST_FOUR = """() => {
 """Where each cell of the first four columns ends, and how much of each of its lines is cut off, px."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
 READING = {
-    "en": "Plates, 2 % of the diameter (N)",
-    "de": "Platten, 2 % des Durchmessers (N)",
-    "es": "Platos, 2 % del diámetro (N)",
+    "en": "Plates, 2\u00a0% of the diameter (N)",
+    "de": "Platten, 2\u00a0% des Durchmessers (N)",
+    "es": "Platos, 2\u00a0% del diámetro (N)",
 }
 """A column of simulated firmness tests in each language."""
 WITHHELD = {"maturity": None, "class_withheld": True, "decision": "inspect"}
@@ -178,17 +178,16 @@ def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(shown, awkwa
     page.locator("#card summary").click()
     facts = page.locator("#card dl.facts dt, #card dl.facts dd").all_text_contents()
     assert facts[-4:] == ["Brix", "12.5625 °Brix", "grower", "Mayr"]
-    assert facts[-6:-4] == ["Plates, 2 % of the diameter (N)", "9.12 ± 0.71"]
+    assert facts[-6:-4] == [READING["en"], "9.12 ± 0.71"]
 
 
 @pytest.mark.parametrize(("language", "title"), READING.items())
-def test_facts_show_a_readings_title_and_the_users_names_as_they_were_written(
-    shown, graded, language, title
-):
+def test_facts_show_a_readings_title_and_the_users_names_as_they_were_written(shown, graded, language, title):
     """As the reader sees them, after the style sheets."""
     written = {"brix": 12.5, "box nr": 7.0, "GROWER": "Mayr", "firmness": 3.0, "plates_9pct_N": 1.0}
     readings = {"plates_2pct_N": 9.12, "plates_2pct_N_sd": 0.71}
-    fruit = replace(graded("N-1", rank=1, E_MPa=0.3), columns=written, readings=readings, facts=(("pit", "8"),))
+    bare = graded("N-1", rank=1, E_MPa=0.3)
+    fruit = replace(bare, columns=written, readings=readings, facts=(("pit", "8"),))
     batch = replace(
         batch_of(fruit),
         columns=tuple((name, "") for name in written),
