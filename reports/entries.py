@@ -284,6 +284,8 @@ class BatchEntry:
     """(name, unit or empty text) of the user's own columns."""
     readings: tuple[str, ...] = ()
     """Columns of simulated firmness tests; the unit ends the name."""
+    reading_titles: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Title and unit of a simulated firmness test by its column."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

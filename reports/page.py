@@ -48,6 +48,7 @@ from reports.words import (
     effect_name,
     number,
     p_words,
+    reading_title,
     remarks,
     verdict,
     with_sd,
@@ -90,7 +91,7 @@ def _page(batch: BatchEntry) -> str:
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
         "facts": lambda fruit: _facts(fruit, batch),
-        "first_large": lambda text: text[:1].upper() + text[1:],
+        "first_large": _first_large,
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "list_words": list_words,
         "mesh_key": _mesh_key,
@@ -125,7 +126,7 @@ def _page(batch: BatchEntry) -> str:
         lot_code=_qr(batch),
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
-        readings=reading_columns(batch),
+        readings={name: _reading_words(batch, name) for name in reading_columns(batch)},
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
         shore_words=correlation_words(batch.shore) if batch.shore else "",
         status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
@@ -256,7 +257,8 @@ def _classes(batch: BatchEntry, fruits: list[Indexed]) -> list[_ClassOfLot]:
 def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[str, str]]]]:
     """(label, words) of a fruit's details by heading; "Error bar: pit size" has the heading "Error bar".
 
-    Firmness readings and the user's own columns have separate headings.
+    Firmness readings and the user's own columns have separate headings. The user's columns keep the names
+    of `fruits.csv`; other labels begin with a capital.
     """
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
@@ -274,14 +276,14 @@ def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[s
     parts: dict[str, list[tuple[str, str]]] = {}
     for label, words in facts:
         heading, _, rest = label.rpartition(": ")
-        parts.setdefault(heading, []).append((rest, words))
+        parts.setdefault(_first_large(heading), []).append((_first_large(rest), words))
     given = [
         (name, f"{_as_given(fruit.columns[name])} {unit}".strip())
         for name, unit in batch.columns
         if name in fruit.columns
     ]
     readings = [
-        (name, with_sd(fruit.readings[name], fruit.readings.get(f"{name}_sd")))
+        (_reading_words(batch, name), with_sd(fruit.readings[name], fruit.readings.get(f"{name}_sd")))
         for name in reading_columns(batch)
         if name in fruit.readings
     ]
@@ -292,6 +294,16 @@ def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[s
 def reading_columns(batch: BatchEntry) -> list[str]:
     """Columns of simulated firmness tests, without those of their standard deviations."""
     return [name for name in batch.readings if f"{name}_sd" in batch.readings]
+
+
+def _reading_words(batch: BatchEntry, name: str) -> str:
+    """Title of a simulated firmness test with its unit; without a title, the name of its column."""
+    title, unit = batch.reading_titles.get(name, (name, ""))
+    return f"{reading_title(title)} ({unit})" if unit else title
+
+
+def _first_large(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _as_given(cell: float | str | None) -> str:

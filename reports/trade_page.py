@@ -13,6 +13,7 @@ from reports.charts import Chart, layer, padded
 from reports.html_templates import charted_page
 from reports.language import ENGLISH, decimals, say, spoken
 from reports.messages import message
+from reports.words import reading_title
 
 Test: TypeAlias = Any
 """A TradeTest of fem/firmness/trade_tests.py; this package imports nothing from fem."""
@@ -70,7 +71,7 @@ def trade_html(
             "trade",
             charts=[size_chart(test, sizes) for test in tests],
             tests=tests,
-            titles={test.name: message(test.title) for test in tests},
+            titles={test.name: reading_title(test.title) for test in tests},
             fruit=fruit,
             sizes=sizes,
             pit_words=_pit_words,
@@ -90,7 +91,7 @@ def size_chart(test: Test, sizes: SizeEffect) -> Chart:
     diameters = np.array(sizes.diameters_mm, dtype=float)
     shown = np.isfinite(values)
     pits = [_pit_words(share) for share in sizes.pit_shares]
-    title, out_of_reach = message(test.title), say("out of reach")
+    title, out_of_reach = reading_title(test.title), say("out of reach")
     ends = "; ".join(
         f"{pit}: {_range(line[there])} {test.unit}"
         for pit, line, there in zip(pits, values, shown, strict=True)

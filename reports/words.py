@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from datetime import UTC
 
@@ -209,6 +210,11 @@ def plunger_words(relation: FirmnessEntry) -> str:
     """Cultivar and plunger of a penetrometer in the language in force."""
     diameter = with_comma(f"{relation.plunger_mm:g}")
     return say("{group}, plunger of {diameter} mm", group=lot_words(relation.name), diameter=diameter)
+
+
+def reading_title(title: str) -> str:
+    """Title of a simulated firmness test in the language in force; its figures stay beside their units."""
+    return re.sub(r"(?<=\d) (?=%|gf|mm|N\b)", NO_BREAK, message(title))
 
 
 def category_name(category: str) -> str:

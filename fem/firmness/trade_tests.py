@@ -101,19 +101,22 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
     )
 
 
-def is_test_name(name: str) -> bool:
-    """Whether `trade_tests` gives a test this name with some forces; capitals count as small letters.
+def test_called(name: str) -> TradeTest | None:
+    """The test to which `trade_tests` gives this name with some forces, or None; capitals count as small
+    letters.
 
-    >>> [is_test_name(name) for name in ("chord_50_350gf_gf_per_mm", "chord_3", "Plates_2pct_N", "plates_2")]
-    [True, False, True, False]
+    >>> test_called("Chord_40_300gf_gf_per_mm").title
+    'FirmTech, chord from 40 to 300 gf'
+    >>> [test_called(name) for name in ("chord_3", "plates_2")]
+    [None, None]
     """
     numbers = [float(text) for text in re.findall(r"\d+(?:\.\d+)?", name)] or [0.0]
     named = partial(trade_tests, chord_gf=(numbers[0], numbers[-1])), partial(trade_tests, ball_N=numbers[-1])
-    known = {test.name.lower() for test in trade_tests()}
+    tests = [*trade_tests()]
     for make in named:
         with suppress(ValueError):  # the numbers are no forces
-            known |= {test.name.lower() for test in make()}
-    return name.lower() in known
+            tests += make()
+    return next((test for test in tests if test.name.lower() == name.lower()), None)
 
 
 def reading(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from fem.firmness.trade_tests import is_test_name
+from fem.firmness.trade_tests import test_called
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord
 from pipeline.files.manifest import why_damaged
@@ -35,7 +35,7 @@ def predicted_columns(plunger_mm: float) -> tuple[str, ...]:
 def is_firmness_column(name: str) -> bool:
     """Whether drupe gives a column of firmness this name; capitals count as small letters."""
     predicted = {column.lower() for size in PLUNGERS_MM.values() for column in predicted_columns(size)}
-    return name.lower() in predicted or is_test_name(name.lower().removesuffix(ERROR))
+    return name.lower() in predicted or test_called(name.lower().removesuffix(ERROR)) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +44,16 @@ class FirmnessReadings:
 
     columns: tuple[str, ...] = ()
     rows: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def titles(self) -> dict[str, tuple[str, str]]:
+        """Title and unit of each test by its column.
+
+        >>> FirmnessReadings(columns=("plates_2pct_N", "plates_2pct_N_sd")).titles
+        {'plates_2pct_N': ('Plates, 2 % of the diameter', 'N')}
+        """
+        tests = {name: test_called(name) for name in self.columns}
+        return {name: (test.title, test.unit) for name, test in tests.items() if test is not None}
 
     def of(self, record: FruitRecord) -> dict[str, float]:
         """The fruit's readings by column; empty if they were computed from another E than the present one."""

@@ -125,8 +125,9 @@ def _law(lots: Sequence[SeriesEntry]) -> tuple[str, dict[str, float]]:
     law = lots_softening(E_MPa)
     if law is None:
         return NO_LAW, {}
+    rate, low, high = (-100 * math.expm1(-per_day) for per_day in (law.rate, law.low, law.high))
     return (
-        f"ln E of this cultivar falls by {law.rate:.3f} a day ({law.low:.3f} to {law.high:.3f}, 90 %). The "
-        f"standard deviation of this rate between lots is {law.lot_sd:.3f}.",
+        f"E of this cultivar falls by {rate:.1f} % a day ({low:.1f} to {high:.1f} %, 90 %). The "
+        f"standard deviation of this rate between lots is {100 * law.lot_sd:.1f} %.",
         law.rates,
     )

@@ -96,6 +96,7 @@ def batch_entry(
         classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
         columns=tuple(settings.columns.items()),
         readings=firmness.columns,
+        reading_titles=firmness.titles,
         settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
         versions=tuple(versions().items()),
         inputs=tuple(inputs.items()),

@@ -82,7 +82,7 @@ def test_a_ball_reads_what_the_table_of_spheroids_says(drupe, out):
     assert "fruit.ply" in table["C"]["reason"]
     assert not table["B"]["plates_2pct_N"]
     page = (out / "firmness.html").read_text("utf-8")
-    assert "FirmTech, chord from 20 to 200 gf" in page
+    assert "FirmTech, chord from 20 to 200\u00a0gf" in page
     assert page.count("<script") == 3  # data of the charts, their library, and what draws them
     assert "://" not in page.replace(own_script("uplot.js")[0], "")  # its comment has its address
     assert page.count('class="drawn"') == 7

@@ -44,6 +44,12 @@ FIRST_FOUR = """() => {
 }"""
 """Where each cell of the first four columns ends, and how much of each of its lines is cut off, px."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
+READING = {
+    "en": "Plates, 2\u00a0% of the diameter (N)",
+    "de": "Platten, 2\u00a0% des Durchmessers (N)",
+    "es": "Platos, 2\u00a0% del diámetro (N)",
+}
+"""A column of simulated firmness tests in each language."""
 WITHHELD = {"maturity": None, "class_withheld": True, "decision": "inspect"}
 
 
@@ -143,8 +149,15 @@ def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(shown, awkwa
         E_at_pulp_MPa=0.231,
         E_at_pulp_sd_MPa=0.012,
         columns={"Brix": 12.5625, "grower": "Mayr"},
+        readings={"plates_2pct_N": 9.12, "plates_2pct_N_sd": 0.71},
     )
-    batch = replace(batch, fruits=(first, *others), columns=(("Brix", "°Brix"), ("grower", "")))
+    batch = replace(
+        batch,
+        fruits=(first, *others),
+        columns=(("Brix", "°Brix"), ("grower", "")),
+        readings=("plates_2pct_N", "plates_2pct_N_sd"),
+        reading_titles={"plates_2pct_N": ("Plates, 2 % of the diameter", "N")},
+    )
     page, _ = shown(batch=batch)
     heads = page.locator("table.fruit thead th").all_inner_texts()
     rows = page.locator("table.fruit tbody tr:not(.space)")
@@ -165,6 +178,29 @@ def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(shown, awkwa
     page.locator("#card summary").click()
     facts = page.locator("#card dl.facts dt, #card dl.facts dd").all_text_contents()
     assert facts[-4:] == ["Brix", "12.5625 °Brix", "grower", "Mayr"]
+    assert facts[-6:-4] == [READING["en"], "9.12 ± 0.71"]
+
+
+@pytest.mark.parametrize(("language", "title"), READING.items())
+def test_facts_show_a_readings_title_and_the_users_names_as_they_were_written(shown, graded, language, title):
+    """As the reader sees them, after the style sheets."""
+    written = {"brix": 12.5, "box nr": 7.0, "GROWER": "Mayr", "firmness": 3.0, "plates_9pct_N": 1.0}
+    readings = {"plates_2pct_N": 9.12, "plates_2pct_N_sd": 0.71}
+    bare = graded("N-1", rank=1, E_MPa=0.3)
+    fruit = replace(bare, columns=written, readings=readings, facts=(("pit", "8"),))
+    batch = replace(
+        batch_of(fruit),
+        columns=tuple((name, "") for name in written),
+        readings=tuple(readings),
+        reading_titles={"plates_2pct_N": ("Plates, 2 % of the diameter", "N")},
+    )
+    page, _ = shown(batch=batch, language=language)
+    page.locator("#card summary").click()
+    labels = page.locator("#card dl.facts dt").all_inner_texts()
+    assert labels[-6:] == [title, *written]
+    assert all(label[0].isupper() for label in labels[:-5])
+    page.locator("[name=readings]").check()
+    assert title in page.locator("table.fruit thead th.reading").all_inner_texts()
 
 
 def test_without_scripts_there_is_a_table_of_all_fruit(shown):

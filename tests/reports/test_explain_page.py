@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from browser import chromium
 from fake_explanation import fake_explanation
 
 from fem.mismatch.result import Candidate, FruitMap, ModulusCell
@@ -140,6 +141,28 @@ def test_an_effect_without_words_is_told_by_its_name():
     pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
     pose_entry = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
     assert "Pose error (pose error" in explain_verdict(pose_entry)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 768, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_and_nothing_is_cut_off(tmp_path, scheme, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    pages = {
+        "several": entry(verdict=("clock_lag", "viscoelastic")),
+        "unknown": entry(verdict=("unknown",), withheld="no law holds", heldout=None, p_nominal="nominal"),
+    }
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        for name, shown in pages.items():
+            path = tmp_path / f"{name}.html"
+            path.write_text(explain_html(shown), encoding="utf-8")
+            page.goto(path.as_uri())
+            for summary in page.locator("summary").all():
+                summary.click()
+            audit = axe.Axe().run(page)
+            assert [(v["id"], v["nodes"][0]["html"][:120]) for v in audit.response["violations"]] == []
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_no_two_parts_of_the_page_have_one_name():
