@@ -16,6 +16,9 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 BEYOND_NOISE = 4.0
 """A marker touches when its normal force exceeds this many standard deviations (3e-5 of a Gaussian)."""
+LESSER_OF_TWO = 0.8
+"""The lesser of two overlapping means of two frames exceeds so many times BEYOND_NOISE of its own standard
+deviations as rarely as a single value exceeds BEYOND_NOISE (bivariate normal, correlation 0.5)."""
 TOTAL_BEYOND_NOISE = 8.0
 """A pad touches when its total normal force exceeds this many of its own (coloured noise has wide tails)."""
 STARTS_IN_CONTACT = 0.2
@@ -152,8 +155,8 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     force = pad.force_N - pushed.offset
     total = force[:, :, 2].sum(axis=1)
     spacing, mean = neighbourhood(pad.rest_mm)
-    drifted = _drift(force[:, :, 2], pushed.sd)
-    touching = touching_markers(force[:, :, 2] - drifted[:, None], pushed.sd, mean)
+    without_drift = force - _drift(force[:, :, 2], pushed.sd)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    touching = touching_over_time(without_drift[:, :, 2], measure(without_drift[still]), mean)
     peak = int(np.argmax(total))
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
@@ -242,17 +245,35 @@ def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, "
     """Drift that all markers' normal forces share, N, frame by frame; zero if none remains at the end.
 
     A force that grows in all markers would otherwise count as contact, and the pad would never seem to let
-    go. In each frame the drift is the median of the less loaded half of the markers, at most the drift at the
-    end: a broad contact is no drift.
+    go. In each frame the drift is the median of the less loaded half of the markers, between the drift at the
+    beginning and that at the end: a broad contact is no drift. At the beginning it is not zero, since the
+    frames without contact have a mean of zero.
     """
     most = normal_N.max(axis=0)
-    last = normal_N[-max(int(LAST_FRAMES * len(normal_N)), 3) :].mean(axis=0)
-    end = float(np.median(last))
+    count = max(int(LAST_FRAMES * len(normal_N)), 3)
+    last = normal_N[-count:].mean(axis=0)
+    start, end = float(np.median(normal_N[:count])), float(np.median(last))
     held = float(np.median(last[most >= most.max() / 2])) - end
     if held > LET_GO * most.max() or abs(end) < BEYOND_NOISE * MEDIAN_SD * sd / np.sqrt(len(last)):
         return np.zeros(len(normal_N))
     level = np.median(normal_N[:, most <= np.median(most)], axis=1)
-    return np.asarray(np.clip(level, min(end, 0.0), max(end, 0.0)))
+    return np.asarray(np.clip(level, min(start, end, 0.0), max(start, end, 0.0)))
+
+
+def touching_over_time(
+    normal_N: Float[np.ndarray, "t n"], noise: Noise, mean: csr_array
+) -> Bool[np.ndarray, "t n"]:
+    """Markers that touch in each frame, by the lesser of two means: of a frame with the one before, and with
+    the next.
+
+    The force of a frame alone selects by its own noise: a marker at the rim would count as touching where its
+    force is read too large, and the fit would take that for a deeper dent and a skin. `noise`: of one force.
+    `mean`: as in touching_markers.
+    """
+    pairs_N = (normal_N[1:] + normal_N[:-1]) / 2
+    lesser_N = np.minimum(np.vstack([normal_N[:1], pairs_N]), np.vstack([pairs_N, normal_N[-1:]]))
+    sd_of_pairs_N = noise.sd * ((1 + noise.lag1) / 2) ** 0.5
+    return touching_markers(lesser_N, LESSER_OF_TWO * sd_of_pairs_N, mean)
 
 
 def touching_markers(
