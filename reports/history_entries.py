@@ -119,7 +119,7 @@ class DifferenceEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class GroupEntry:
-    """All lots of one cultivar; `words` and `rates`: decrease of ln E per day, by the mixed model."""
+    """All lots of one cultivar; `words` and `rates`: change of E in a day, %, by the mixed model."""
 
     series: tuple[SeriesEntry, ...]
     words: str

@@ -91,7 +91,7 @@ def _page(batch: BatchEntry) -> str:
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
         "facts": lambda fruit: _facts(fruit, batch),
-        "first_large": _first_large,
+        "first_large": _capitalised,
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "list_words": list_words,
         "mesh_key": _mesh_key,
@@ -276,7 +276,7 @@ def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[s
     parts: dict[str, list[tuple[str, str]]] = {}
     for label, words in facts:
         heading, _, rest = label.rpartition(": ")
-        parts.setdefault(_first_large(heading), []).append((_first_large(rest), words))
+        parts.setdefault(_capitalised(heading), []).append((_capitalised(rest), words))
     given = [
         (name, f"{_as_given(fruit.columns[name])} {unit}".strip())
         for name, unit in batch.columns
@@ -302,7 +302,7 @@ def _reading_words(batch: BatchEntry, name: str) -> str:
     return f"{reading_title(title)} ({unit})" if unit else title
 
 
-def _first_large(text: str) -> str:
+def _capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 

@@ -101,13 +101,13 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
     )
 
 
-def test_called(name: str) -> TradeTest | None:
+def trade_test_of(name: str) -> TradeTest | None:
     """The test to which `trade_tests` gives this name with some forces, or None; capitals count as small
     letters.
 
-    >>> test_called("Chord_40_300gf_gf_per_mm").title
+    >>> trade_test_of("Chord_40_300gf_gf_per_mm").title
     'FirmTech, chord from 40 to 300 gf'
-    >>> [test_called(name) for name in ("chord_3", "plates_2")]
+    >>> [trade_test_of(name) for name in ("chord_3", "plates_2")]
     [None, None]
     """
     numbers = [float(text) for text in re.findall(r"\d+(?:\.\d+)?", name)] or [0.0]

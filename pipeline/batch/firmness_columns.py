@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from fem.firmness.trade_tests import test_called
+from fem.firmness.trade_tests import trade_test_of
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord
 from pipeline.files.manifest import why_damaged
@@ -35,7 +35,7 @@ def predicted_columns(plunger_mm: float) -> tuple[str, ...]:
 def is_firmness_column(name: str) -> bool:
     """Whether drupe gives a column of firmness this name; capitals count as small letters."""
     predicted = {column.lower() for size in PLUNGERS_MM.values() for column in predicted_columns(size)}
-    return name.lower() in predicted or test_called(name.lower().removesuffix(ERROR)) is not None
+    return name.lower() in predicted or trade_test_of(name.lower().removesuffix(ERROR)) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,7 @@ class FirmnessReadings:
         >>> FirmnessReadings(columns=("plates_2pct_N", "plates_2pct_N_sd")).titles
         {'plates_2pct_N': ('Plates, 2 % of the diameter', 'N')}
         """
-        tests = {name: test_called(name) for name in self.columns}
+        tests = {name: trade_test_of(name) for name in self.columns}
         return {name: (test.title, test.unit) for name, test in tests.items() if test is not None}
 
     def of(self, record: FruitRecord) -> dict[str, float]:

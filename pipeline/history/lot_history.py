@@ -15,7 +15,7 @@ from pipeline.history.appraisers import comparisons, gripper_of
 from pipeline.history.lot_statistics import class_ranges, lot_statistics, out_of_control, share_outside
 from pipeline.history.lots_softening import lot_groups
 from pipeline.history.merged_fruit import merged_fruit
-from pipeline.history.softening import COVERAGE, FARTHEST, Softening, reached, softening_of
+from pipeline.history.softening import COVERAGE, FARTHEST, Softening, change_per_day, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from reports.entries import RatioPoint, ReferenceBodyEntry
 from reports.history_entries import (
@@ -186,12 +186,13 @@ def _softening_words(law: Softening | None) -> str:
     rate, low, high = law.rate(), law.rate(LOW), law.rate(HIGH)
     if not law.softens:
         words = (
-            f"No softening is visible: E changes by {_per_day(-rate):+.1f} % a day "
-            f"({_per_day(-high):+.1f} to {_per_day(-low):+.1f} %, 90 %)."
+            f"No softening is visible: E changes by {change_per_day(-rate):+.1f} % a day "
+            f"({change_per_day(-high):+.1f} to {change_per_day(-low):+.1f} %, 90 %)."
         )
     else:
         words = (
-            f"E falls by {-_per_day(-rate):.1f} % a day ({-_per_day(-low):.1f} to {-_per_day(-high):.1f} %, "
+            f"E falls by {-change_per_day(-rate):.1f} % a day "
+            f"({-change_per_day(-low):.1f} to {-change_per_day(-high):.1f} %, "
             f"90 %); the half-life is {math.log(2) / rate:.1f} days."
         )
     if law.days == 2:
@@ -200,15 +201,6 @@ def _softening_words(law: Softening | None) -> str:
         deviation = f"{100 * law.day_sd:.0f} %"
         words += f" Days deviate from the law by {deviation}, more than single fruit of one day. {CHECK_DAYS}"
     return words
-
-
-def _per_day(rate: float) -> float:
-    """Change of E in a day, per cent, at a rate of ln E (1/day).
-
-    >>> round(_per_day(-0.10536), 1)
-    -10.0
-    """
-    return 100 * math.expm1(rate)
 
 
 def _limits(

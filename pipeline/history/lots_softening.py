@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import norm
 
 from pipeline.history.lot_statistics import lot_differences
-from pipeline.history.softening import COVERAGE
+from pipeline.history.softening import COVERAGE, change_per_day
 from reports.history_entries import GroupEntry, SeriesEntry
 
 FEWEST_LOTS = 3
@@ -125,9 +125,10 @@ def _law(lots: Sequence[SeriesEntry]) -> tuple[str, dict[str, float]]:
     law = lots_softening(E_MPa)
     if law is None:
         return NO_LAW, {}
-    rate, low, high = (-100 * math.expm1(-per_day) for per_day in (law.rate, law.low, law.high))
+    common, low, high = (change_per_day(-rate) for rate in (law.rate, law.high, law.low))
+    sd = 100 * law.lot_sd * math.exp(-law.rate)
     return (
-        f"E of this cultivar falls by {rate:.1f} % a day ({low:.1f} to {high:.1f} %, 90 %). The "
-        f"standard deviation of this rate between lots is {100 * law.lot_sd:.1f} %.",
-        law.rates,
+        f"E of this cultivar changes by {common:+.1f} % a day ({low:+.1f} to {high:+.1f} %, 90 %). The "
+        f"standard deviation of this rate between lots is {sd:.1f} %.",
+        {name: change_per_day(-rate) for name, rate in law.rates.items()},
     )

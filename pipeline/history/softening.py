@@ -157,3 +157,12 @@ def _quantile(
         under = ndtr((middle[:, None] - mean) / sd) @ weights < share
         low, high = np.where(under, middle, low), np.where(under, high, middle)
     return np.asarray((low + high) / 2)
+
+
+def change_per_day(rate: float) -> float:
+    """Change of E in a day, per cent, at a rate of ln E (1/day).
+
+    >>> round(change_per_day(-0.10536), 1)
+    -10.0
+    """
+    return 100 * math.expm1(rate)

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,10 @@ import pytest
 from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball
 from sample_batches import SETTINGS, SHIPPED, drupe, ready_batch
 
-import drupe as public
 from drupe import grade, modulus, read, read_recording
 from drupe.refusal import DrupeError
 from recon.surface.mesh_file import read_mesh, write_mesh
 
-COARSE = {"mesh": {"edge_mm": 12.0, "pad_edge_mm": 4.0}}
-"""As in the settings of the sample batches."""
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 FRAME_S = 0.02
 """A frame of a camera at 50 frames/s; a frame takes 1 to 10 ms on two loaded cores."""
@@ -40,7 +36,7 @@ def test_arrays_give_the_modulus_that_grading_gives(graded):
         pit="prior",
         nu=0.45,
         category="nectarine",
-        settings=COARSE,
+        settings={"mesh": {"edge_mm": 12.0, "pad_edge_mm": 4.0}},
     )
     record = read(graded / "results").record(fruit.name)
     held = record["modulus"]
@@ -97,8 +93,6 @@ def test_surfaces_of_photos_are_in_the_frame_of_the_poses(graded, tmp_path):
 
 @pytest.mark.slow
 def test_the_page_s_ten_lines_give_the_true_modulus_of_the_sample(graded, tmp_path, monkeypatch, capsys):
-    """On a coarse mesh; the page's other example has the default one."""
-    monkeypatch.setattr(public, "modulus", partial(modulus, settings=COARSE))
     (tmp_path / "sample-results").symlink_to(graded / "results")
     (tmp_path / "samples").symlink_to(SHIPPED.parents[1])
     (block,) = re.findall(r"<!-- sample -->\n```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)

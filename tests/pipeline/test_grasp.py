@@ -20,7 +20,7 @@ from small_batches import run, said_with
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
-from fem.grasp_history import SMALLEST_SD_MM
+from fem.grasp_history import SMALLEST_SD_MM, SMALLEST_SHARE_OF_FORCE
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -102,7 +102,7 @@ def test_a_recording_without_noise_counts_as_one_of_a_fine_sensor(graded):
     )
     for pad in history(replace(grasp, contact=replace(grasp.contact, pads=silent))).pads:
         assert pad.displacement_sd_mm == SMALLEST_SD_MM
-        assert pad.force_sd_N == pytest.approx(1e-4 * np.abs(pad.force_N).max(), rel=0.01)
+        assert pad.force_sd_N == pytest.approx(SMALLEST_SHARE_OF_FORCE * np.abs(pad.force_N).max(), rel=0.01)
 
 
 @pytest.fixture(scope="module")
