@@ -393,9 +393,10 @@ def test_readings_of_firmness_are_columns_until_another_E_is_graded(drupe, batch
     assert table.loc["A", of_tests].tolist() == [6.25, 0.42]
     assert table.loc["B", of_tests].isna().all()
     page = (results / "report.html").read_text(encoding="utf-8").replace("\\u003c", "<")
-    assert '<th scope="col" class="n reading">plates_5pct_N</th>' in page
+    title = "Platten, 5\u00a0% des Durchmessers (N)"
+    assert f'<th scope="col" class="n reading">{title}</th>' in page
     assert '<td class="n reading" data-value="6.25">6,25 ± 0,42</td>' in page
-    assert "<dt>plates_5pct_N</dt><dd>6,25 ± 0,42</dd>" in page
+    assert f"<dt>{title}</dt><dd>6,25 ± 0,42</dd>" in page
     assert "Simulierte Festigkeitsprüfungen" in page
     store, export = tmp_path / "s", tmp_path / "t.csv"
     assert drupe("history", results, "--store", store).status == 0
