@@ -13,7 +13,7 @@ from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
 from drupe.numbers import PerPad, numbers, per_pad
 from drupe.refusal import DrupeError
 from fem.estimation.live_modulus import FirstTouch, FrameEstimate, LiveModel, frame_modulus
-from fem.grasp_history import PadHistory
+from fem.grasp_history import SMALLEST_SD_MM, PadHistory
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import linked, pad_places
 from pipeline.fruit.flesh_model import flesh_mesh, poisson_ratio
@@ -160,7 +160,7 @@ def _in_air(pad: object, shape: FruitShape, *, travel_mm: float) -> LivePad:
         rest_mm=pad.rest_mm,
         displacement_zero_mm=moved.offset,
         force_zero_N=pushed.offset,
-        displacement_sd_mm=moved.sd,
+        displacement_sd_mm=max(moved.sd, SMALLEST_SD_MM),
         force_sd_N=pushed.sd,
         neighbours=neighbourhood(pad.rest_mm)[1],
         used=used,

@@ -18,11 +18,10 @@ class PadHistory:
     `rest_mm`: markers on the undeformed gel, pad frame. `surface_mm`: where each sits on the fruit's mesh.
     `position_mm`: where it is. `gel_displacement_mm`: the measured part of that position, whose scale is in
     doubt. `force_N`: what the gel puts on the fruit. `episode`: how often the marker has come into contact,
-    -1 while it touches nothing. `displacement_sd_mm`, `force_sd_N`: noise of one component in one frame
-    (a recording's is at least SMALLEST_SD_MM and SMALLEST_SHARE_OF_FORCE); `lag1`: its correlation with the
-    next frame.
-    `surface_sd_mm`: error of the fruit's mesh within the pad's contact patch, root mean square; None where
-    only that of the whole mesh is known (fem.estimation.error_budget).
+    -1 while it touches nothing. `displacement_sd_mm`, `force_sd_N`: noise of one component in one frame,
+    above zero (the caller applies SMALLEST_SD_MM and SMALLEST_SHARE_OF_FORCE); `lag1`: its correlation
+    with the next frame. `surface_sd_mm`: error of the fruit's mesh within the pad's contact patch, root mean
+    square; None where only that of the whole mesh is known (fem.estimation.error_budget).
     """
 
     name: str

@@ -18,7 +18,8 @@ BEYOND_NOISE = 4.0
 """A marker touches when its normal force exceeds this many standard deviations (3e-5 of a Gaussian)."""
 LESSER_OF_TWO = 0.8
 """The lesser of two overlapping means of two frames exceeds so many times BEYOND_NOISE of its own standard
-deviations as rarely as a single value exceeds BEYOND_NOISE (bivariate normal, correlation 0.5)."""
+deviations as rarely (3e-5) as a single value exceeds BEYOND_NOISE: bivariate normal, correlation 0.5, which
+is that of white noise. Noise that correlates in time exceeds it somewhat more often."""
 TOTAL_BEYOND_NOISE = 8.0
 """A pad touches when its total normal force exceeds this many of its own (coloured noise has wide tails)."""
 STARTS_IN_CONTACT = 0.2
