@@ -439,7 +439,7 @@ def test_the_record_keeps_the_measured_modulus_and_the_report_shows_both(results
     assert "At the temperature of the grasp E is 0.300 ± 0.015 MPa" in page
     assert "<dt>E at 8 °C, as measured</dt><dd>0.300 ± 0.015 MPa</dd>" in page
     error_bar = page.partition("<h4>Error bar</h4>")[2].partition("</dl>")[0]
-    assert "<dt>temperature coefficient</dt>" in error_bar
+    assert "<dt>Temperature coefficient</dt>" in error_bar
 
 
 @pytest.mark.parametrize(
