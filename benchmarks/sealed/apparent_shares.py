@@ -73,19 +73,22 @@ class ModelError:
 @dataclass(frozen=True, kw_only=True)
 class NullCase:
     """A case without mismatch beside a plain model without error: N, b, the standard deviation of each
-    column's amount by a share of one, and of each column the number of its effect in `effects`.
+    column's amount by a share of one and by the surface's error, and of each column the number of its effect
+    in `effects`.
     """
 
     fruit: str
     normal: Float[np.ndarray, "c c"]
     right: Float[np.ndarray, " c"]
     unit_sd: Float[np.ndarray, " c"]
+    surface_sd: Float[np.ndarray, " c"]
     effect: Int[np.ndarray, " c"]
     effects: tuple[str, ...]
 
     @classmethod
     def of(cls, name: str, case: ReducedCase, effects: tuple[str, ...]) -> "NullCase":
         """A stored round; `effects`: all that have a signature in any case."""
+        surface = case.with_model_error({}).linear().null_draws.error_sd
         draws: NullDraws = case.with_model_error(dict.fromkeys(effects, 1.0)).linear().null_draws
         effect = np.zeros(len(draws.error_sd), dtype=np.int64)
         for word, ways in draws.bare.ways.items():
@@ -94,7 +97,8 @@ class NullCase:
             fruit=fruit_of(name, case),
             normal=draws.bare.normal,
             right=draws.bare.right,
-            unit_sd=draws.error_sd,
+            unit_sd=np.sqrt(draws.error_sd**2 - surface**2),
+            surface_sd=surface,
             effect=effect,
             effects=effects,
         )
@@ -104,26 +108,26 @@ class NullCase:
 
         u'A^-1 u / 2 - ln det(A) / 2,      u = S b,   A = I + S N S
         """
-        sd = scale * self._error_sd(shares)
+        sd = scale * np.hypot(self._share_sd(shares), self.surface_sd)
         u = sd * self.right
         matrix = np.eye(len(sd)) + sd[:, None] * self.normal * sd
         return float(u @ np.linalg.solve(matrix, u) - np.linalg.slogdet(matrix)[1]) / 2
 
     def gradient(self, shares: Mapping[str, float]) -> Float[np.ndarray, " e"]:
-        """Of ln p(b) by the logarithm of each share. With x the variances and M = I + N diag(x), the sum of
+        """Of ln p(b) by the logarithm of each share. With x the variances, x + z those with the surface's
+        error, and M = I + N diag(x + z), the sum of
 
         x (w^2 - diag(M^-1 N)),      w = M^-1 b
 
         over the effect's columns.
         """
-        variance = self._error_sd(shares) ** 2
-        solved = np.linalg.solve(
-            np.eye(len(variance)) + self.normal * variance, np.c_[self.right, self.normal]
-        )
+        variance = self._share_sd(shares) ** 2
+        total = variance + self.surface_sd**2
+        solved = np.linalg.solve(np.eye(len(total)) + self.normal * total, np.c_[self.right, self.normal])
         by_column = variance * (solved[:, 0] ** 2 - np.diag(solved[:, 1:]))
         return np.bincount(self.effect, by_column, minlength=len(self.effects))
 
-    def _error_sd(self, shares: Mapping[str, float]) -> Float[np.ndarray, " c"]:
+    def _share_sd(self, shares: Mapping[str, float]) -> Float[np.ndarray, " c"]:
         return np.asarray(
             self.unit_sd * np.array([shares.get(name, 0.0) for name in self.effects])[self.effect]
         )

@@ -29,7 +29,7 @@ from pipeline.diagnosis.diagnosis import finer_mesh_of, mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
-FORMAT = 3
+FORMAT = 4
 """Of the file; a reader refuses another."""
 WORDS = ("name", "sd", "mean", "measured", "measured_sd", "positive", "least", "same_as")
 """What a file keeps of a Regressor."""
@@ -42,7 +42,8 @@ class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them.
 
     `columns`: dicts of WORDS (Regressor) and role ("plain", "nuisance", "model error", "signature").
-    `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
+    `signatures`: dicts of effect, label, columns, said, direct (what else is known of it, ln) and surface_sd
+    (that of each column in LinearRound).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """
 
@@ -82,9 +83,20 @@ class ReducedCase:
                 float(stored[id(signature)]["said"]),
                 float(stored[id(signature)]["direct"]),
             ),
+            surface_sd=self.surface_sd,
             without={},
             numbers=self.count,
         )
+
+    @property
+    def surface_sd(self) -> dict[int, float]:
+        """As LinearRound has it."""
+        return {
+            j: sd
+            for words in self.signatures
+            for j, sd in zip(words["columns"], words["surface_sd"], strict=True)
+            if sd
+        }
 
     def _signatures(self, gram: GramMatrix) -> list[tuple[Effect, Signature, tuple[int, ...]]]:
         effects = {effect.spec.name: effect for effect in EFFECTS}
@@ -109,6 +121,7 @@ class ReducedCase:
         errors = model_error_columns(
             self._signatures(self.gram()),
             compliance_ratio=float(self.facts["compliance_ratio"]),
+            surface_sd=self.surface_sd,
             shares=shares,
         )
         kept = [j for j, column in enumerate(self.columns) if column["role"] != OF_MODEL_ERROR]
@@ -173,6 +186,7 @@ def reduced(model: CaseModel, recorded: Sequence[GraspEquations], linear: Linear
             "columns": list(fit.columns),
             "said": fit.auxiliary_log_likelihood - fit.direct,
             "direct": fit.direct,
+            "surface_sd": [linear.surface_sd.get(j, 0.0) for j in fit.columns],
         }
         for fit in linear.linear_fits
     ]

@@ -36,7 +36,7 @@ def problem(
         for name, role in zip(names, ["plain", "nuisance"] + ["signature"] * len(EFFECTS), strict=True)
     ]
     signatures = [
-        {"effect": name, "label": "", "columns": [2 + k], "said": 0.0, "direct": 0.0}
+        {"effect": name, "label": "", "columns": [2 + k], "said": 0.0, "direct": 0.0, "surface_sd": [0.0]}
         for k, name in enumerate(EFFECTS)
     ]
     return ReducedCase(

@@ -29,30 +29,39 @@ from fem.mismatch.selection.decision import FREEDOM, MISFIT
 ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "mismatch-bank.csv"
 
 
-def null(fruit, normal, right, *, unit_sd, effect, effects=("skin",)):
+def null(fruit, normal, right, *, unit_sd, effect, effects=("skin",), surface_sd=0.0):
     return NullCase(
         fruit=fruit,
         normal=np.asarray(normal, dtype=float),
         right=np.asarray(right, dtype=float),
         unit_sd=np.asarray(unit_sd, dtype=float),
+        surface_sd=np.full(len(right), surface_sd),
         effect=np.asarray(effect),
         effects=effects,
     )
 
 
-def drawn(share, *, count, information, unit_sd=0.8, seed=3):
+def drawn(share, *, count, information, unit_sd=0.8, surface_sd=0.0, seed=3):
     """Cases of one column, whose data are an amount and noise."""
     rng = np.random.default_rng(seed)
     for number in range(count):
-        amount = share * unit_sd * rng.normal()
+        amount = np.hypot(share * unit_sd, surface_sd) * rng.normal()
         right = information * amount + np.sqrt(information) * rng.normal()
-        yield null(f"null-{number}", [[information]], [right], unit_sd=[unit_sd], effect=[0])
+        yield null(
+            f"null-{number}", [[information]], [right], unit_sd=[unit_sd], effect=[0], surface_sd=surface_sd
+        )
 
 
 def test_a_known_share_is_measured_noise_removed():
     """Noise is as large as the amounts: left in, the share would be 41 % too large."""
     cases = list(drawn(0.05, count=2000, information=(0.05 * 0.8) ** -2))
     assert model_error_of(cases)["skin"] == pytest.approx(0.05, rel=0.06)
+
+
+def test_the_error_of_the_surface_is_no_part_of_the_share():
+    """It is as large as the share's: counted twice, the share would be 41 % too large."""
+    cases = list(drawn(0.05, count=2000, information=(0.02 * 0.8) ** -2, surface_sd=0.05 * 0.8))
+    assert model_error_of(cases)["skin"] == pytest.approx(0.05, rel=0.08)
 
 
 def test_noise_alone_leaves_hardly_any_share():

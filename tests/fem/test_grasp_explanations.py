@@ -144,6 +144,7 @@ def round_of(
             for k, name in enumerate(names, 1)
         ],
         auxiliary=lambda effect, *_: (0.0, direct if effect.spec.name == names[1] else 0.0),
+        surface_sd={},
         without={},
         numbers=numbers,
     )

@@ -18,7 +18,7 @@ from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix, plain_data
 from fem.mismatch.evidence.model_error import model_error_columns, model_error_shares
-from fem.mismatch.evidence.surface_bias import surface_products, with_drawn_surface
+from fem.mismatch.evidence.surface_bias import surface_bias, with_drawn_surface
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import PlainModel, plain_model
@@ -57,7 +57,9 @@ class Recording:
         return plain, plain / NOISE_MM**2
 
 
-def products(amount: float, *, share: float, ratio: float = 1.0, ways: int = 1) -> GramMatrix:
+def products(
+    amount: float, *, share: float, ratio: float = 1.0, ways: int = 1, surface_sd: float = 0.0
+) -> GramMatrix:
     """Of data with so much of an effect, model error first among the nuisances; the effect's column last."""
     rng = np.random.default_rng(3)
     unit, field = rng.normal(size=SHAPE), rng.normal(size=SHAPE)
@@ -65,7 +67,10 @@ def products(amount: float, *, share: float, ratio: float = 1.0, ways: int = 1) 
     signature = Signature(variant=ONE_WAY, columns=(column,))
     effect = SimpleNamespace(spec=SPECS["skin"])
     errors = model_error_columns(
-        [(effect, signature, (1,))] * ways, compliance_ratio=ratio, shares={"skin": share}
+        [(effect, signature, (1,))] * ways,
+        compliance_ratio=ratio,
+        surface_sd={1: surface_sd},
+        shares={"skin": share},
     )
     place = np.random.default_rng(8).normal(size=SHAPE[1:])
     position = place + COMPLIANCE * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
@@ -83,6 +88,12 @@ def test_so_much_as_the_model_is_off_by_is_no_finding_and_ten_times_that_is():
     assert gain(products(sd, share=0.02)) < 0
     assert gain(products(10 * sd, share=0.02)) > 30
     assert gain(products(sd, share=1e-9)) > 5
+
+
+def test_the_error_of_the_surface_adds_to_that_of_other_fruit():
+    sd = 0.02 * 4.0
+    assert gain(products(sd, share=0.0, surface_sd=sd)) == pytest.approx(gain(products(sd, share=0.02)))
+    assert gain(products(3 * sd, share=0.02, surface_sd=2 * sd)) < gain(products(3 * sd, share=0.02)) - 1
 
 
 def test_the_softer_the_flesh_the_more_is_error():
@@ -145,7 +156,8 @@ def product_of_skin(model: CaseModel) -> float:
 
 def expected_product(model: CaseModel) -> float:
     signature = SKIN.signatures(model)[0]
-    return float(surface_products(model, equations_of(model), [(SKIN, signature, (1,))], columns=2).sum())
+    bias = surface_bias(model, equations_of(model), [(SKIN, signature, (1,))], columns=2)
+    return float(bias.products.sum())
 
 
 def test_the_expected_product_is_the_mean_over_surface_errors_and_their_opposites() -> None:
@@ -159,11 +171,34 @@ def test_the_expected_product_is_the_mean_over_surface_errors_and_their_opposite
     assert np.mean(pairs) - exact == pytest.approx(expected, rel=0.5)
 
 
+def test_skins_that_errors_of_the_surface_feign_are_within_the_stated_spread() -> None:
+    """Of data that the exact surface's response makes, on surfaces that other seeds draw; n is subtracted."""
+    exact = forward_with(0.0, 0)
+    off = []
+    for seed in SEEDS:
+        pairs = []
+        for sign in (1, -1):
+            model = forward_with(sign * ERROR_MM, seed)
+            recorded, signature = equations_of(model), SKIN.signatures(model)[0]
+            bias = surface_bias(model, recorded, [(SKIN, signature, (1,))], columns=2)
+            normal, right = np.zeros((2, 2)), -bias.products.sum(axis=0)
+            for k, equations in enumerate(recorded):
+                unit = equations.recording.tracks.unit_displacement
+                data = exact.compliance * (exact.grasps[k].tracks.unit_displacement - unit)
+                fields = [ObservationDelta(markers=data), ObservationDelta(markers=unit)]
+                plain, weighed = equations.rows([*fields, signature.columns[0].fields[k]])
+                normal += weighed[1:] @ plain[1:].T
+                right += weighed[1:] @ plain[0]
+            pairs.append(np.linalg.solve(normal, right)[1] / bias.sd[1])
+        off.append(np.mean(pairs))
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) < 2
+
+
 def test_columns_of_other_effects_and_of_the_plain_model_stay() -> None:
     model = forward_with(0.0, 0)
     equations = equations_of(model)
     signature = SKIN.signatures(model)[0]
-    surface = surface_products(model, equations, [(SKIN, signature, (2,))], columns=3)
+    surface = surface_bias(model, equations, [(SKIN, signature, (2,))], columns=3).products
     assert not surface[:, :2].any()
     columns = [replace(signature.columns[0], name="another"), *signature.columns]
     before = GramMatrix(model, equations, columns).products

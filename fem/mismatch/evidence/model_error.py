@@ -9,7 +9,8 @@ covariance: the full one of few fruit has directions in which errors cancel that
 `model_error.csv` has one share for each effect: the standard deviation of its amount without mismatch, over
 the prior standard deviation of the amount and the compliance ratio of flesh to gel, with which apparent
 amounts grow. `benchmarks/mismatch_scores.py` fits all shares together to simulated fruit without mismatch, by
-the likelihood of their recordings. So an error counts once, though several effects resemble it.
+the likelihood of their recordings. So an error counts once, though several effects resemble it. What the
+scanned surface's error leaves is computed for each case (fem.mismatch.evidence.surface_bias) and added.
 
 The error is several times as large for some fruit without mismatch as for others. A statistic that compares
 explanations at its usual size therefore has a heavier tail without mismatch than that size alone gives. Draws
@@ -99,29 +100,34 @@ def model_error_columns(
     signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
     *,
     compliance_ratio: float,
+    surface_sd: Mapping[int, float],
     shares: Mapping[str, float] | None = None,
 ) -> list[Regressor]:
     """A column of model error for each column of the signatures, with the same fields. An effect's
     alternatives (on one pad, if the effect belongs to a pad) resemble each other and share its error.
 
-    `signatures`: of a case, with the numbers of their columns.
+    `signatures`: of a case, with the numbers of their columns. `surface_sd`: by column, the standard
+    deviation of its amount by the error of the surface.
     """
-
     known = model_error_shares() if shares is None else shares
     count = Counter((effect.spec.name, signature.variant.pad) for effect, signature, _ in signatures)
-    return [
-        replace(
-            column,
-            name=f"model error {effect.spec.name}",
-            mean=0.0,
-            measured=0.0,
-            measured_sd=0.0,
-            sd=share * compliance_ratio * column.sd / np.sqrt(count[effect.spec.name, signature.variant.pad]),
-            positive=False,
-            of_forces=None,
-            same_as=number,
-        )
-        for effect, signature, numbers in signatures
-        if (share := known.get(effect.spec.name, 0.0)) > 0
-        for column, number in zip(signature.columns, numbers, strict=True)
-    ]
+    errors = []
+    for effect, signature, numbers in signatures:
+        share = known.get(effect.spec.name, 0.0) * compliance_ratio
+        share /= np.sqrt(count[effect.spec.name, signature.variant.pad])
+        for column, number in zip(signature.columns, numbers, strict=True):
+            if (sd := float(np.hypot(share * column.sd, surface_sd.get(number, 0.0)))) > 0:
+                errors.append(
+                    replace(
+                        column,
+                        name=f"model error {effect.spec.name}",
+                        mean=0.0,
+                        measured=0.0,
+                        measured_sd=0.0,
+                        sd=sd,
+                        positive=False,
+                        of_forces=None,
+                        same_as=number,
+                    )
+                )
+    return errors

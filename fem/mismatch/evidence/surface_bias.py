@@ -9,11 +9,12 @@ without any effect,
 as it has by the noise of the forces (fem.mismatch.model.force_noise). Uncorrected, a smooth error of
 0.1 mm looks like a skin of 0.3 mm. n is estimated from one drawn error, for which all patterns and the
 laws that are linear in the flesh's stiffness are solved again. n is of second order: the opposite error gives
-the same n.
+the same n. The product for the error that is there differs from n, by SPREAD n: so much of a signature's
+amount is a known error of the model (fem.mismatch.evidence.model_error).
 """
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -34,40 +35,58 @@ SEED = 0
 STEP = 0.01
 """The drawn error as a share of the surface's. dphi and dc are linear in it, and n is scaled by its square; a
 small error inverts no element."""
+SPREAD = 0.5
+"""Standard deviation of the product over n. Between drawn errors it is 0.25 on four grasps (two bodies, four
+draws each) and 0.5 on one (eight draws); a drawn and the true one differ by 1.4 times that."""
 
 
-def surface_products(
+@dataclass(frozen=True, kw_only=True)
+class SurfaceBias:
+    """`products`: n of each recording and column. `sd`: by column, the standard deviation of the apparent
+    amount that is left when n is subtracted.
+    """
+
+    products: Float[np.ndarray, "g c"]
+    sd: Mapping[int, float] = field(default_factory=dict)
+
+
+def surface_bias(
     model: CaseModel,
     recorded: Sequence[GraspEquations],
     signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
     *,
     columns: int,
-) -> Float[np.ndarray, "g c"]:
-    """n of each recording and column (zero where it is not a signature of an effect linear in the stiffness).
+) -> SurfaceBias:
+    """n (zero where a column is not a signature of an effect linear in the stiffness), and its spread.
 
     `signatures`: with the numbers of their columns, which count from one. Column 0 is the plain model's.
     Raises FemFailure (INVERTED_ELEMENTS) where an element is nearly folded already.
     """
     products = np.zeros((len(recorded), columns))
     linear = [
-        (effect, numbers, before)
-        for effect, _, numbers in signatures
+        (effect, signature, numbers, before)
+        for effect, signature, numbers in signatures
         if (before := effect.at_small_strain(model)) is not None
     ]
     if not linear:
-        return products
+        return SurfaceBias(products=products)
     drawn = with_drawn_surface(model)
     weighed = []
     for equations, recording in zip(recorded, drawn.grasps, strict=True):
         change = recording.tracks.unit_displacement - equations.recording.tracks.unit_displacement
         weighed.append(equations.rows([ObservationDelta(markers=-model.compliance * change)])[1][0])
-    for effect, (number,), before in linear:
+    sd = dict[int, float]()
+    for effect, signature, (number,), before in linear:
         after = effect.at_small_strain(drawn)
         assert after is not None, "the same effect"
+        information = 0.0
         for k, equations in enumerate(recorded):
             change = equations.flat(ObservationDelta(markers=after[k] - before[k]))
             products[k, number] = change @ weighed[k] / STEP**2
-    return products
+            (plain,), (heavy,) = equations.rows([signature.columns[0].fields[k]])
+            information += float(heavy @ plain)
+        sd[number] = SPREAD * abs(float(products[:, number].sum())) / information
+    return SurfaceBias(products=products, sd=sd)
 
 
 class NearbySolid(UnitModulusSolid):

@@ -1,6 +1,6 @@
 """Screening: every effect's signatures by linear Gaussian evidence."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -16,7 +16,7 @@ from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import NullDraws, model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.evidence.surface_bias import surface_products
+from fem.mismatch.evidence.surface_bias import SurfaceBias, surface_bias
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.model.observation_delta import Regressor
@@ -56,7 +56,8 @@ class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `linear_fits`: every signature's.
 
     `equations`: of all signatures, with the nuisances integrated out; `null_draws`: their data without
-    mismatch. `without`: effects, variants of effects, or large deformation that could not be computed, with
+    mismatch. `surface_sd`: by column, the part of the model error that the error of the surface causes.
+    `without`: effects, variants of effects, or large deformation that could not be computed, with
     the reason. `numbers`: count of all recordings' numbers, including frames left out by thinning.
     """
 
@@ -66,6 +67,7 @@ class LinearRound:
     linear_fits: tuple[LinearFit, ...]
     equations: SignatureEquations
     null_draws: NullDraws
+    surface_sd: Mapping[int, float]
     without: dict[str, str]
     numbers: float
 
@@ -107,7 +109,13 @@ def screened(
         first = len(columns) + 1
         columns += signature.columns
         signatures.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    errors = model_error_columns(signatures, compliance_ratio=model.compliance_ratio)
+    without_errors = len(columns) + 1
+    surface = SurfaceBias(products=np.zeros((len(recorded), without_errors)))
+    try:
+        surface = surface_bias(model, recorded, signatures, columns=without_errors)
+    except FemFailure as failure:
+        without["the error of the surface"] = failure.detail
+    errors = model_error_columns(signatures, compliance_ratio=model.compliance_ratio, surface_sd=surface.sd)
     of_errors = range(len(columns) + 1, len(columns) + len(errors) + 1)
     columns += errors
     noise = drawn_force_noise(
@@ -117,16 +125,18 @@ def screened(
         draws=noise_draws,
         workers=model.workers,
     )
-    surface = None
-    try:
-        surface = surface_products(model, recorded, signatures, columns=len(columns) + 1)
-    except FemFailure as failure:
-        without["the error of the surface"] = failure.detail
     return linear_round(
-        GramMatrix(model, recorded, columns, noise=noise, surface=surface),
+        GramMatrix(
+            model,
+            recorded,
+            columns,
+            noise=noise,
+            surface=np.pad(surface.products, ((0, 0), (0, len(errors)))),
+        ),
         (*range(1, len(known) + 1), *of_errors),
         signatures,
         auxiliary=lambda *signature_at_amounts: _auxiliary(model, *signature_at_amounts),
+        surface_sd=surface.sd,
         without=without,
         numbers=sum(equations.nuisances.shape[1] / equations.recording.kept for equations in recorded),
     )
@@ -138,13 +148,14 @@ def linear_round(
     signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
     *,
     auxiliary: Auxiliary,
+    surface_sd: Mapping[int, float],
     without: dict[str, str],
     numbers: float,
 ) -> LinearRound:
     """The evidence of each signature, from products alone.
 
     `nuisances`: columns of the plain model; `signatures`: each with its columns; `auxiliary`: its auxiliary
-    log likelihood at the fitted amounts.
+    log likelihood at the fitted amounts; `surface_sd`: as in LinearRound.
     """
     ways: dict[str, list[tuple[int, ...]]] = {}
     for effect, _, columns in signatures:
@@ -167,6 +178,7 @@ def linear_round(
             error_sd=np.array([error_sd.get(j, 0.0) for j in bare.columns]),
             prior=scale_prior(),
         ),
+        surface_sd=surface_sd,
         without=without,
         numbers=numbers,
     )
