@@ -68,6 +68,22 @@ def test_results_become_days_of_a_lot(three_days):
     assert "ball: the last batch deviates by more than 3" in entry.alarms[0]
 
 
+def test_the_sentence_states_the_daily_change_of_a_lot_that_halves_in_four_days(tmp_path):
+    """1 - 2^(-1/4) = 15.9 % a day; every fruit halves, so that the law has no scatter of its own."""
+    start = {"A": 0.8, "B": 1.0, "C": 1.3}
+    outs = [
+        day_of(
+            tmp_path / f"{days}",
+            {name: E * 0.5 ** (days / 4) for name, E in start.items()},
+            day=f"2026-08-{10 + days}",
+        )
+        for days in (0, 4, 8)
+    ]
+    (series,) = history_entry([stored_batch(out) for out in outs], now=NOW).series
+    assert series.softening_words.startswith("E falls by 15.9 % a day (")
+    assert "the half-life is 4.0 days." in series.softening_words
+
+
 def test_the_mean_of_one_day_has_students_interval(tmp_path):
     """Of two fruit, by scipy on ln E."""
     E = {"A": 0.6, "B": 1.35}
