@@ -35,6 +35,16 @@ def chromium():
             browser.close()
 
 
+def assert_readable(page, width):
+    """All folds open: axe-core finds nothing, and the page is no wider than the window of so many px."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    for summary in page.locator("summary").all():
+        summary.click()
+    violations = axe.Axe().run(page).response["violations"]
+    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in violations] == [], page.url
+    assert page.evaluate("document.documentElement.scrollWidth") <= width, page.url
+
+
 def reloaded(page):
     """Loads the page again: seconds until it is loaded, and seconds of its process's processor time."""
     session = page.context.new_cdp_session(page)
