@@ -18,6 +18,16 @@ NODES = """() => {
 """Counts all nodes of the document: elements, text and comments."""
 PROCESSOR_S = "ProcessTime"
 """Chromium's name for the processor time of the page's process, s."""
+UNNAMED = """() => [...document.querySelectorAll('.stacked table')].flatMap((table) => {
+  const heads = [...table.querySelectorAll('thead th')].map((head) => head.textContent.trim());
+  const stacked = getComputedStyle(table).display === 'block';
+  return [...table.querySelectorAll('tbody tr')].flatMap((row) => [...row.children].filter((cell, k) => {
+    if (cell.tagName === 'TH' || cell.colSpan > 1) return false;
+    const shown = getComputedStyle(cell, '::before').content;
+    return cell.dataset.head !== heads[k] || (stacked && shown !== JSON.stringify(heads[k] + ': '));
+  }).map((cell) => cell.outerHTML));
+})"""
+"""Cells of stacked tables that do not show their column's head where the table is one column wide."""
 LOADED_MS = "() => performance.getEntriesByType('navigation')[0].loadEventEnd"
 
 
@@ -36,13 +46,16 @@ def chromium():
 
 
 def assert_readable(page, width):
-    """All folds open: axe-core finds nothing, and the page is no wider than the window of so many px."""
+    """All folds open: axe-core finds nothing, the page is no wider than the window of so many px, and every
+    cell of a stacked table names its column.
+    """
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     for summary in page.locator("summary").all():
         summary.click()
     violations = axe.Axe().run(page).response["violations"]
     assert [(v["id"], v["nodes"][0]["html"][:120]) for v in violations] == [], page.url
     assert page.evaluate("document.documentElement.scrollWidth") <= width, page.url
+    assert page.evaluate(UNNAMED) == [], page.url
 
 
 def reloaded(page):
