@@ -26,7 +26,7 @@ from fem.mismatch.evidence import model_error
 from fem.mismatch.evidence.model_error import SIZE, ScalePrior
 from fem.mismatch.selection.decision import FREEDOM, MISFIT
 
-ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "mismatch-bank.csv"
+ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "null-fruit.csv"
 
 
 def null(fruit, normal, right, *, unit_sd, effect, effects=("skin",), surface_sd=0.0):
@@ -180,7 +180,7 @@ def test_the_priors_size_and_freedom_are_those_of_drawn_fruit():
 def test_usual_misfit_is_that_of_the_stored_cases_without_mismatch():
     lines = ROWS.read_text(encoding="utf-8").splitlines()
     rows = [row for row in csv.DictReader(lines) if row["kind"] == "sound"]
-    assert len(rows) == 38
+    assert len(rows) == 17
     mean, freedom = usual_misfit([(row["fruit"], float(row["misfit"])) for row in rows])
     assert mean == pytest.approx(MISFIT, rel=0.01)
     assert freedom == pytest.approx(FREEDOM, rel=0.01)
