@@ -168,10 +168,15 @@ def model_error_of(cases: Sequence[NullCase], *, usual: float = USUAL_SHARES[0])
 
 
 def usual_share_of(cases: Sequence[NullCase]) -> float:
-    """The median of the shares' prior with the greatest ln p of held-out fruit; two fruit or more."""
+    """The largest median of the shares' prior whose ln p of held-out fruit is within a standard error of the
+    best one's; two fruit or more. It is the one-standard-error rule (Breiman et al. 1984, section 3.4.3) with
+    the error of the difference, paired by fruit.
+    """
     usual_scale = int(np.argmin(np.abs(np.log(SCALES))))
-    held_out_p = [held_out(cases, usual=usual)[:, usual_scale].sum() for usual in USUAL_SHARES]
-    return USUAL_SHARES[int(np.argmax(held_out_p))]
+    by_fruit = np.array([held_out(cases, usual=usual)[:, usual_scale] for usual in USUAL_SHARES])
+    less = by_fruit[by_fruit.sum(axis=1).argmax()] - by_fruit
+    within = less.sum(axis=1) <= np.sqrt(less.shape[1]) * less.std(axis=1, ddof=1)
+    return USUAL_SHARES[int(within.argmax())]
 
 
 def held_out(cases: Sequence[NullCase], *, usual: float) -> Float[np.ndarray, "n s"]:
