@@ -9,14 +9,17 @@ import json
 import math
 from collections.abc import Iterable
 from datetime import date
+from itertools import chain
 from typing import Any, cast
 
 import numpy as np
+from jaxtyping import Float
 from markupsafe import Markup
 
 from reports.entries import ReferenceBodyEntry
 from reports.language import decimals, say
 from reports.messages import message
+from reports.words import number
 
 Chart = dict[str, Any]
 """A chart for static/charts.js: title, description, caption, axes and layers."""
@@ -71,6 +74,30 @@ def padded(values: Iterable[float], *, from_zero: bool = False) -> tuple[float, 
     return (lowest if from_zero and lowest == 0.0 else lowest - air, highest + air)
 
 
+def without_outliers(values: Iterable[float]) -> Float[np.ndarray, " k"]:
+    """The values that lie no farther beyond the 5 and 95 % quantiles than these are apart, so that a pattern
+    of more than one value in 20 keeps its place.
+
+    >>> len(without_outliers([*range(40), 90.0, math.nan]))
+    40
+    """
+    finite = np.array([value for value in values if math.isfinite(value)])
+    low, high = np.quantile(finite, (0.05, 0.95)) if len(finite) else (0.0, 0.0)
+    return finite[(finite >= 2 * low - high) & (finite <= 2 * high - low)]
+
+
+def with_note(chart: Chart) -> Chart:
+    """The chart; its caption counts the marks beyond its vertical axis, which are arrows at the edge."""
+    low, high = chart["y"]["limits"]
+    marks = chain(*(each["y"] for each in chart["layers"] if each["kind"] == "marks"))
+    beyond = [value for value in marks if not low <= value <= high]
+    if not beyond:
+        return chart
+    farthest = number(max(beyond, key=lambda value: abs(value - (low + high) / 2)))
+    note = say("Arrows: {count} beyond the axis, the farthest at {value}", count=len(beyond), value=farthest)
+    return chart | {"caption": f"{chart.get('caption', chart['title'])}. {note}"}
+
+
 def day_limits(days: Iterable[float]) -> tuple[float, float]:
     """Limits of an axis with `dates` that contain all days, with a margin of 4 % and at least half a day."""
     held = list(days)
@@ -97,7 +124,7 @@ class PlacedCharts:
 
     def place(self, chart: Chart) -> Markup:
         """Add a chart and return its place in the page."""
-        self._charts.append(chart)
+        self._charts.append(with_note(chart))
         return Markup('<figure class="drawn"></figure>')
 
     def json(self) -> Markup:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
-from reports.charts import Chart, band, layer, padded
+from reports.charts import Chart, band, layer, padded, with_note, without_outliers
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
@@ -35,7 +35,7 @@ def fruit_charts(fruit: FruitEntry) -> list[Chart]:
     ]
     if any(recording.frames for recording in fruit.recordings):
         charts.append(_frames(fruit))
-    return charts
+    return [*map(with_note, charts)]
 
 
 def _of_recording(recording: GraspRecord) -> list[Chart]:
@@ -78,7 +78,7 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
             "A pattern shows physics that the model misses"
         ),
         "x": x,
-        "y": {"label": say("residual (µm)"), "limits": padded([0.0, *chain(*residuals)])},
+        "y": {"label": say("residual (µm)"), "limits": padded([0.0, *without_outliers(chain(*residuals))])},
         "layers": [
             zero,
             *(_pad_marks(*pair, k) for k, pair in enumerate(zip(curves, residuals, strict=True))),

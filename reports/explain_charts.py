@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from reports.charts import Chart, band, layer, padded, rounded, rules
+from reports.charts import Chart, band, layer, padded, rounded, rules, without_outliers
 from reports.explain_entries import ExplainEntry, Record
 from reports.language import say
 from reports.messages import message
@@ -60,8 +60,7 @@ def modulus_over_time(entry: ExplainEntry, *, with_effect: bool) -> list[Chart]:
     if with_effect:
         levels.insert(0, (entry.before.value, say("without"), "before"))
     levels = [known for known in levels if math.isfinite(known[0])]  # E may be withheld
-    common = np.quantile([cell.E_MPa for cell in sure], [0.02, 0.98]).tolist()
-    limits = padded([*common, *(value for value, *_ in levels)])
+    limits = padded([*without_outliers(cell.E_MPa for cell in sure), *(value for value, *_ in levels)])
     pads = sorted({cell.pad for cell in sure}, key=lambda pad: (pad == ALL_PADS, pad))
     ordered = sorted(sure, key=lambda cell: (cell.grasp, cell.time_s))
     return [

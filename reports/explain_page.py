@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from reports.explain_entries import ExplainEntry, Record
 from reports.html_templates import charted_page
 from reports.language import ENGLISH, decimals, say, spoken
 from reports.messages import in_language
+from reports.palette import pad_marks
+from reports.skin_layer import FROM_SIDES
 from reports.skin_picture import BLIND_BELOW, MapStyle, coloured, map_picture
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
@@ -56,11 +59,14 @@ def _page(entry: ExplainEntry) -> str:
         sentence=_sentence,
         capital=_capital,
         value=_value,
+        titles=partial(_titles, entry),
         blind_share=_blind_share(entry),
         component=component_in_words(entry),
         entry=entry,
         named=named,
         picture=_map(entry),
+        pads=pad_marks(entry.contacts_mm),
+        sides=[say(name) for name, *_ in FROM_SIDES],
         meanings=_meanings(entry),
         kind=_kind(entry),
         modulus_charts=modulus_over_time(entry, with_effect=with_effect),
@@ -96,12 +102,7 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
 def _map(entry: ExplainEntry) -> str:
     """The map on the fruit from six sides, as WebP in base64; empty without a map."""
     maps = entry.maps
-    style = MapStyle(
-        low=say("softer than the model"),
-        high=say("firmer than the model"),
-        signed=True,
-        unseen=say("not visible from these grasps"),
-    )
+    style = MapStyle(signed=True)
     if maps is None or not np.isfinite(maps.modulus_score).any():
         return ""
     skin, limit = coloured(
@@ -140,15 +141,25 @@ def _blind_share(entry: ExplainEntry) -> float | None:
     return float((area * blind).sum() / area.sum())
 
 
+def _titles(entry: ExplainEntry, candidate: Record) -> dict[str, str]:
+    """Title of each parameter with its unit; of a pair also its effect, of a further parameter its name."""
+    words, titles = entry.parameter_words.get(candidate.effect, {}), dict[str, str]()
+    for name, parameter in candidate.parameters.items():
+        unit = "" if parameter.unit in ("", "1") else f" ({parameter.unit})"
+        title, part = f"{_capital(words.get(name, name))}{unit}", name.rpartition(".")[0]
+        apart = effect_name(part) if part else name
+        titles[name] = f"{title}, {apart}" if part or title in titles.values() else title
+    return titles
+
+
 def _value(parameter: Record) -> str:
-    unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
     value, sd = parameter.value, parameter.sd
     if isinstance(value, str):
         return value
     if isinstance(value, tuple):
         spread = sd if isinstance(sd, tuple) else (None,) * len(value)
-        return f"({'; '.join(map(with_sd, value, spread))}){unit}"
-    return f"{with_sd(value, None if isinstance(sd, tuple) else sd)}{unit}"
+        return f"({'; '.join(map(with_sd, value, spread))})"
+    return with_sd(value, None if isinstance(sd, tuple) else sd)
 
 
 def _heldout(gain: tuple[float, float] | None) -> str:

@@ -36,9 +36,9 @@ from reports.kiosk_page import list_words
 from reports.language import ENGLISH, language_in_force, say, spoken
 from reports.language import decimals as with_comma
 from reports.messages import in_language, message
-from reports.palette import UNKNOWN, class_mark, class_marks
+from reports.palette import UNKNOWN, class_mark, class_marks, pad_marks
 from reports.sheet_code import qr_png, sheet_code
-from reports.skin_layer import FROM_SIDES, PADS
+from reports.skin_layer import FROM_SIDES
 from reports.tables import ranking_csv
 from reports.words import (
     NO_BREAK,
@@ -315,10 +315,8 @@ def _as_given(cell: float | str | None) -> str:
 
 def _mesh_key(fruit: FruitEntry) -> list[tuple[Markup, str]]:
     """Marks and words of the colours in the picture of the mesh: the pads, and the pit."""
-    pads = dict.fromkeys(pad for recording in fruit.recordings for pad in recording.contact_mm)
-    named = [(f"pad{k % len(PADS)}", f"{say('pad')} {message(pad)}") for k, pad in enumerate(pads)]
-    named += [("pit", message("pit"))] if fruit.has_pit else []
-    return [(class_mark(colour, "circle"), words) for colour, words in named]
+    marks = pad_marks(dict.fromkeys(pad for recording in fruit.recordings for pad in recording.contact_mm))
+    return [*marks, *([(class_mark("pit", "circle"), message("pit"))] if fruit.has_pit else [])]
 
 
 def _image(picture: Picture, alt: str) -> Markup:

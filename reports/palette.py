@@ -7,7 +7,13 @@ not distinguish red from green.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from markupsafe import Markup
+
+from reports.language import say
+from reports.messages import message
+from reports.skin_layer import PADS
 
 _SOFT_TO_FIRM = ("c0", "c1", "c2", "c3", "c4")
 _SHAPES = ("circle", "diamond", "square", "triangle", "down")
@@ -43,3 +49,11 @@ def class_mark(colour: str, shape: str) -> Markup:
         points = " ".join(f"{7 + 4.6 * x:.1f},{7 + 4.6 * y:.1f}" for x, y in _CORNERS[shape])
         mark = Markup('<polygon points="{}" class="mark {}"></polygon>').format(points, colour)
     return Markup('<svg viewBox="0 0 14 14" class="dot" aria-hidden="true">{}</svg>').format(mark)
+
+
+def pad_marks(pads: Iterable[str]) -> list[tuple[Markup, str]]:
+    """The mark of each pad in pictures of the skin, and its name."""
+    return [
+        (class_mark(f"pad{k % len(PADS)}", "circle"), f"{say('pad')} {message(pad)}")
+        for k, pad in enumerate(pads)
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +14,8 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.tri import Triangulation
 from scipy.spatial import ConvexHull, cKDTree
 
-from reports.figures import webp_of
-from reports.language import decimals, say
-from reports.messages import message
+from reports.figures import OUTLINE, outlined, webp_of
+from reports.language import decimals
 from reports.skin_layer import FLESH, FROM_SIDES, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
@@ -39,15 +38,10 @@ LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class MapStyle:
-    """Legend of a map: words at both ends of its bar, and for skin without a value (empty: no legend of it).
+    """Colour bar: values of both signs (`signed`), else from zero up; it reaches at least `least`."""
 
-    `signed`: values of both signs, else from zero up; the bar reaches at least `least`.
-    """
-
-    low: str
-    high: str
     signed: bool
-    unseen: str
+    unit: str = ""
     least: float = BLIND_BELOW
 
 
@@ -113,7 +107,7 @@ def mesh_picture(
     flesh = np.tile(FLESH, (len(vertices), 1))
     skin = DrawnSkin(vertices=vertices, faces=faces, colours=flesh, contacts_mm=contacts_mm or {})
     has_pit = pit_vertices is not None and len(pit_vertices) > 0
-    figure = Figure(figsize=(2 * view_px / 100, view_px / 100), dpi=100, facecolor="white")
+    figure = Figure(figsize=(2 * view_px / 100, view_px / 100), dpi=100, facecolor="none")
     half = skin.half_mm
     for k, (_, azimuth_deg, elevation_deg) in enumerate(FROM_TWO):
         view = view_axes(azimuth_deg, elevation_deg)
@@ -125,7 +119,7 @@ def mesh_picture(
             axes.add_patch(Polygon(outline, facecolor=(*PIT, 0.45), edgecolor=PIT))
         _directions(axes, view, half)
     _scale_bar(figure.axes[1], half)
-    return webp_of(figure)
+    return webp_of(outlined(figure))
 
 
 def map_picture(
@@ -136,29 +130,26 @@ def map_picture(
     centre_mm: tuple[float, float, float] | None = None,
     radius_mm: float | None = None,
     view_px: int = 250,
-    named: bool = True,
 ) -> bytes:
     """WebP of six sides, three in a row, over a colour bar; `skin` and `limit` as `coloured` gives them.
 
-    A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces. `named`: whether the names of the
-    sides are on the picture.
+    A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces. The page around it names the sides
+    (FROM_SIDES) and the pads.
     """
-    key_px = 74
+    key_px = view_px / 4
     height = 2 * view_px + key_px
-    figure = Figure(figsize=(3 * view_px / 100, height / 100), dpi=100, facecolor="white")
-    for k, (name, azimuth_deg, elevation_deg) in enumerate(FROM_SIDES):
+    figure = Figure(figsize=(3 * view_px / 100, height / 100), dpi=100, facecolor="none")
+    for k, (_, azimuth_deg, elevation_deg) in enumerate(FROM_SIDES):
         row, column = divmod(k, 3)
         place = (column / 3, 1 - (row + 1) * view_px / height, 1 / 3, view_px / height)
         axes, view = figure.add_axes(place), view_axes(azimuth_deg, elevation_deg)
         skin.drawn(axes, view)
-        if named:
-            axes.text(-0.97 * skin.half_mm, 0.95 * skin.half_mm, say(name), va="top", fontsize=9.5, color=INK)
         if centre_mm is not None:
             _ring(axes, view @ (np.array(centre_mm) - skin.middle_mm), radius_mm or 3.0, skin.half_mm)
-    key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(0, 100), ylim=(0, 10))
+    key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(-5, 105), ylim=(0, 1))
     key.set_axis_off()
-    _key(key, limit, style, tuple(skin.contacts_mm))
-    return webp_of(figure)
+    _key(key, limit, style, 1.5 * _words_pt(figure.axes[0]))
+    return webp_of(outlined(figure))
 
 
 def coloured(
@@ -191,11 +182,11 @@ def surface_sd_map(
     Grey where a vertex was not `seen`; its sd is a guess from the shape around it.
     """
     top = float(np.quantile(sd_mm[seen], MOST_SHARE)) if seen.any() else LEAST_MM
-    style = MapStyle(low="mm", high="", signed=False, unseen="", least=LEAST_MM)
+    style = MapStyle(signed=False, unit=" mm", least=LEAST_MM)
     shown, limit = coloured(
         vertices_mm, triangles, np.minimum(sd_mm, max(top, LEAST_MM)), style=style, seen=seen
     )
-    return map_picture(shown, limit=limit, style=style, view_px=200, named=False)
+    return map_picture(shown, limit=limit, style=style, view_px=200)
 
 
 def _ring(axes: Axes, centre: Float[np.ndarray, " 3"], radius_mm: float, half: float) -> None:
@@ -207,21 +198,14 @@ def _ring(axes: Axes, centre: Float[np.ndarray, " 3"], radius_mm: float, half: f
         )
 
 
-def _key(axes: Axes, limit: float, style: MapStyle, pads: Sequence[str]) -> None:
-    """Colour bar with words at its ends, what grey means, and the pads' dots."""
+def _key(axes: Axes, limit: float, style: MapStyle, size_pt: float) -> None:
+    """Colour bar with the values at its ends and in its middle."""
     bar = ramp(np.linspace(0.0, 1.0, 256), SIGNED if style.signed else ONE_SIDED)
-    axes.imshow(bar[None], extent=(0, 46, 5.6, 8.2), aspect="auto")
+    axes.imshow(bar[None], extent=(0, 100, 0.6, 1.0), aspect="auto")
     ends = (-limit, 0.0, limit) if style.signed else (0.0, limit / 2, limit)
-    for x, value in zip((0.0, 23.0, 46.0), ends, strict=True):
-        axes.text(x, 4.9, decimals(f"{value:.3g}"), ha="center", va="top", fontsize=8.5, color="#535b66")
-    axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=INK)
-    axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=INK)
-    named = ((f"{say('pad')} {message(pad)}", PADS[k % len(PADS)]) for k, pad in enumerate(pads))
-    marks = [(style.unseen, GREY)] * bool(style.unseen) + [*named]
-    for k, (words, colour) in enumerate(marks):
-        x, y = (56, 7.0) if k == 0 else (56 + 15 * (k - 1), 2.2)
-        axes.plot([x], [y], marker="o", ms=7, color=colour)
-        axes.text(x + 2, y, words, ha="left", va="center", fontsize=9, color=INK)
+    for k, (value, side) in enumerate(zip(ends, ("left", "center", "right"), strict=True)):
+        words = f"{decimals(f'{value:.3g}')}{style.unit}"
+        axes.text(50 * k, 0.5, words, ha=side, va="top", fontsize=size_pt, color=INK)
 
 
 def _words_pt(axes: Axes) -> float:
@@ -233,7 +217,9 @@ def _directions(axes: Axes, view: Float[np.ndarray, "3 3"], half: float) -> None
     above its arrow and left of the fruit, x below both.
     """
     foot = np.array([-0.68 * half, -0.74 * half])
-    arrow = {"arrowstyle": "<|-", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
+    arrow = {"arrowstyle": "<|-", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0} | {
+        "path_effects": OUTLINE
+    }
     for axis, words, way in zip((2, 0), "zx", (1, -1), strict=True):
         tip = foot + 0.17 * half * view[:2, axis]
         axes.annotate("", xy=tuple(foot), xytext=tuple(tip), arrowprops=arrow)

@@ -110,6 +110,7 @@ def size_chart(test: Test, sizes: SizeEffect) -> Chart:
             for k, line in enumerate(values)
             if shown[k].any()
         ],
+        "low": True,
     }
 
 

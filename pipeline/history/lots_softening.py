@@ -129,6 +129,6 @@ def _law(lots: Sequence[SeriesEntry]) -> tuple[str, dict[str, float]]:
     sd = 100 * law.lot_sd * math.exp(-law.rate)
     return (
         f"E of this cultivar changes by {common:+.1f} % a day ({low:+.1f} to {high:+.1f} %, 90 %). The "
-        f"standard deviation of this rate between lots is {sd:.1f} %.",
+        f"standard deviation of this change between lots is {sd:.1f} %.",
         {name: change_per_day(-rate) for name, rate in law.rates.items()},
     )

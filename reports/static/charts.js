@@ -12,6 +12,7 @@ const charts = (function () {
     diamond: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]],
     triangle: [[0, -1.2], [1.15, 0.9], [-1.15, 0.9]],
     down: [[0, 1.2], [1.15, -0.9], [-1.15, -0.9]],
+    arrow: [[0, -2], [1.6, 0], [0.5, 0], [0.5, 2], [-0.5, 2], [-0.5, 0], [-1.6, 0]],
   };
 
   function path(pen, points, smooth) {
@@ -50,17 +51,20 @@ const charts = (function () {
       pen.globalAlpha = layer.faint ? 0.22 : 1;
       pen.fill();
     },
-    marks(pen, layer, X, Y, box, px) { // faint ones are hollow, so that their colour keeps its contrast
+    // faint ones are hollow, so that their colour keeps its contrast; beyond the axis, an arrow at its edge
+    marks(pen, layer, X, Y, box, px) {
       const many = layer.x.length > 60, size = (many ? 2.4 : 3.6) * px;
       layer.x.forEach((x, k) => {
         pen.globalAlpha = (many ? 0.4 : 1) * (layer.faint ? 0.4 : 1);
-        const [at, up] = [X(x), Y(layer.y[k])];
+        const at = X(x), way = Math.sign(Y(layer.y[k]) - Math.min(Math.max(Y(layer.y[k]), box.top), box.top + box.height));
+        const up = way ? box.top + (way > 0 ? box.height : 0) - way * 2 * size : Y(layer.y[k]);
         if (layer.y_sd && layer.y_sd[k]) path(pen, [[at, Y(layer.y[k] - layer.y_sd[k])], [at, Y(layer.y[k] + layer.y_sd[k])]]);
         if (layer.y_ends) path(pen, layer.y_ends[k].map((end) => [at, Y(end)]));
         pen.stroke();
         pen.globalAlpha = 1;
         pen.beginPath();
-        if (layer.shape in SHAPES) path(pen, SHAPES[layer.shape].map(([right, below]) => [at + size * right, up + size * below]));
+        if (way) path(pen, SHAPES.arrow.map(([right, below]) => [at + size * right, up - way * size * below]));
+        else if (layer.shape in SHAPES) path(pen, SHAPES[layer.shape].map(([right, below]) => [at + size * right, up + size * below]));
         else pen.arc(at, up, size, 0, 2 * Math.PI);
         pen.closePath();
         if (layer.faint) pen.stroke();
@@ -134,7 +138,7 @@ const charts = (function () {
     const steps = (along) => along.whole || along.dates ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] } : {};
     return [
       { ...common, ...steps(spec.x), label: spec.x.label, labelSize: 22, size: 26, values: numbers(spec.x), space: spec.x.dates ? 100 : 60 },
-      { ...common, ...steps(spec.y), label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: 48, space: 34,
+      { ...common, ...steps(spec.y), label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: 48, space: spec.low ? 24 : 34,
         values: numbers(spec.y) },
     ];
   }
@@ -164,6 +168,7 @@ const charts = (function () {
       host.prepend(keys);
     }
     let points = [], at = -1, limits = [spec.x.limits, spec.y.limits];
+    const upOf = (point) => Math.max(0, Math.min(plot.valToPos(point.y, "y"), plot.over.clientHeight));
     function show(k) {
       at = k;
       tip.hidden = k < 0;
@@ -171,7 +176,7 @@ const charts = (function () {
       tip.value = points[k].words;
       const right = Math.max(0, Math.min(plot.valToPos(points[k].x, "x"), plot.over.clientWidth));
       tip.style.left = `${plot.over.offsetLeft + right}px`;
-      tip.style.top = `${frame.offsetTop + plot.over.offsetTop + plot.valToPos(points[k].y, "y") - 8}px`;
+      tip.style.top = `${frame.offsetTop + plot.over.offsetTop + upOf(points[k]) - 8}px`;
       tip.classList.toggle("leftwards", right > plot.over.clientWidth / 2);
     }
     function nearest(plot) {
@@ -179,7 +184,7 @@ const charts = (function () {
       if (left < 0) return show(-1);
       let best = -1, least = 24;
       points.forEach((point, k) => {
-        const far = Math.hypot(plot.valToPos(point.x, "x") - left, spec.bars ? 0 : plot.valToPos(point.y, "y") - top);
+        const far = Math.hypot(plot.valToPos(point.x, "x") - left, spec.bars ? 0 : upOf(point) - top);
         if (far < least) [best, least] = [k, far];
       });
       show(best);

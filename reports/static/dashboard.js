@@ -19,7 +19,7 @@
   }));
   const counted = (row) => row.E !== null && row.rank !== null;
   const fruitCount = (count) => (count === 1 ? words.one : words.all.replace("#", count));
-  const EXTRA = 3, AT_ONCE = 22; // rows above the part in view, and rows in the page at once
+  const EXTRA = 1, AT_ONCE = 22; // rows above the part in view, and rows in the page at once
   const PRINTED = { ".warning": 4, ".next": 3, "tbody tr": 6 }; // what has a place on a sheet
   let state = {}, shown = rows, height = 34, opened = null, cardCharts = [], lotCharts = [];
 
@@ -259,6 +259,7 @@
   });
   tools.querySelector(".save").addEventListener("click", save);
   box.addEventListener("scroll", () => fill(false), { passive: true });
+  box.addEventListener("keydown", () => fill(false)); // the next row is there before Tab, whenever the scroll is told
   document.addEventListener("click", (event) => {
     const link = event.target.closest("a[href^='#fruit-']"), step = event.target.closest("button[data-step]"), alone = event.target.closest("button.alone");
     if (link && rows[link.hash.slice(7) - 1]) {

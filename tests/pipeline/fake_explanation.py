@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import (
     Candidate,
     Explanation,
@@ -27,7 +28,9 @@ def candidate(effect, probability, **parameters):
             made[name] = Parameter(value=value, sd=tuple(0.1 for _ in value), unit="mm")
         else:
             interval = (0.92 * value, 1.08 * value)
-            made[name] = Parameter(value=value, sd=0.05 * abs(value), unit="1", interval=interval)
+            known = (SPECS[part].parameter(name.rpartition(".")[2]) for part in effect.split("+"))
+            unit = next(parameter.unit for parameter in known if parameter)
+            made[name] = Parameter(value=value, sd=0.05 * abs(value), unit=unit, interval=interval)
     return Candidate(
         effect=effect,
         probability=probability,

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from browser import assert_readable, chromium
 from explain_runs import NO_MESH
 from graded_results import graded, results_of, rows
 from small_batches import batch_of_nectarines, write_ball
@@ -240,19 +239,6 @@ def test_the_pits_spread_is_the_one_that_graded_the_fruit(tmp_path, monkeypatch)
     monkeypatch.setattr(trade_numbers, "simulated_presses", lambda *_, **how: spreads.update(how))
     trade_numbers.fruit_presses(record, task.results)
     assert spreads["pit_size_sd"] == 0.07
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_on_the_page_and_nothing_is_cut_off(drupe, tmp_path, by_table, scheme):
-    fruit = [graded(name, E_MPa, changes=CHANGES) for name in "ABC"]
-    out = results_of(tmp_path / "results", [*fruit, graded("D", 0.0, changes=CHANGES)])
-    drupe("firmness", out, status=0)
-    with chromium() as browser:
-        for width in (390, 768, 1280):
-            page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
-            page.goto((out / "firmness.html").as_uri())
-            assert_readable(page, width)
 
 
 def test_the_page_draws_the_ball_for_large_fruit_without_a_pit_alone():

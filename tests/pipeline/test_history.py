@@ -2,6 +2,8 @@
 
 import csv
 import io
+import math
+import re
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -22,6 +24,7 @@ from pipeline.history.lot_history import history_entry
 from pipeline.history.stored_batch import stored_batch
 from pipeline.history.table_file import table_bytes
 from pipeline.problem import BatchRefused
+from reports.history_page import history_html
 
 NOW = datetime(2026, 8, 20, 12, tzinfo=UTC)
 CLASSES = {"classes": [{"name": "ready", "E_max_MPa": 0.5}, {"name": "firm", "E_max_MPa": None}]}
@@ -68,20 +71,36 @@ def test_results_become_days_of_a_lot(three_days):
     assert "ball: the last batch deviates by more than 3" in entry.alarms[0]
 
 
-def test_the_sentence_states_the_daily_change_of_a_lot_that_halves_in_four_days(tmp_path):
-    """1 - 2^(-1/4) = 15.9 % a day; every fruit halves, so that the law has no scatter of its own."""
-    start = {"A": 0.8, "B": 1.0, "C": 1.3}
-    outs = [
-        day_of(
-            tmp_path / f"{days}",
-            {name: E * 0.5 ** (days / 4) for name, E in start.items()},
-            day=f"2026-08-{10 + days}",
-        )
-        for days in (0, 4, 8)
-    ]
-    (series,) = history_entry([stored_batch(out) for out in outs], now=NOW).series
-    assert series.softening_words.startswith("E falls by 15.9 % a day (")
-    assert "the half-life is 4.0 days." in series.softening_words
+def test_the_page_states_how_fast_lots_soften_as_least_squares_do(tmp_path):
+    """Of balanced lots: the slopes of ln E by scipy, their mean, and its interval from their spread."""
+    rng, days, outs, slopes, squares = np.random.default_rng(4), (0, 3, 6), [], {}, []
+    for lot, k in {"1": 0.06, "2": 0.10, "3": 0.15}.items():
+        logs = {day: -k * day + rng.normal(0, 0.05, 5) for day in days}
+        for day, ln_E in logs.items():
+            E = {f"N{j}": float(E_MPa) for j, E_MPa in enumerate(np.exp(ln_E))}
+            outs.append(day_of(tmp_path / f"{lot}-{day}", E, lot=lot, day=f"2026-08-{10 + day}"))
+        t, ln_E = np.repeat(days, 5), np.concatenate(list(logs.values()))
+        line = stats.linregress(t, ln_E)
+        slopes[lot] = line.slope
+        squares.append(np.sum((ln_E - line.intercept - line.slope * t) ** 2))
+    entry = history_entry([stored_batch(out) for out in outs], now=NOW)
+    page = re.sub(r"<[^>]+>", "", history_html(entry)).replace("\u00a0", " ")
+    fell = [float(rate) for rate in re.findall(r"E falls by ([\d.]+) % a day", page)]
+    half_lives = [float(half) for half in re.findall(r"the half-life is ([\d.]+) days", page)]
+    assert fell == pytest.approx([-100 * math.expm1(slope) for slope in slopes.values()], abs=0.051)
+    assert half_lives == pytest.approx([-math.log(2) / slope for slope in slopes.values()], abs=0.051)
+    common = r"changes by (.+?) % a day \((.+?) to (.+?) %, 90 %\)\. The standard deviation .+? is (.+?) %\."
+    stated = [float(number.replace("−", "-")) for number in re.search(common, page).groups()]
+    mean, spread = np.mean(list(slopes.values())), np.std(list(slopes.values()), ddof=1)
+    half = stats.norm.ppf(0.95) * spread / math.sqrt(3)
+    of_fit = np.sum(squares) / (3 * 15 - 6) / np.sum((np.repeat(days, 5) - 3) ** 2)
+    changes = [100 * math.expm1(rate) for rate in (mean, mean - half, mean + half)]
+    assert stated[:3] == pytest.approx(changes, abs=0.15)
+    assert stated[3] == pytest.approx(100 * math.sqrt(spread**2 - of_fit) * math.exp(mean), abs=0.15)
+    of_lots = re.search(r"Change of E of each lot, % a day: 1 (\S+), 2 (\S+), 3 (\S+)\.", page)
+    assert [float(change.replace("−", "-")) for change in of_lots.groups()] == pytest.approx(
+        [100 * math.expm1(slope) for slope in slopes.values()], abs=0.6
+    )  # the model draws each towards the mean
 
 
 def test_the_mean_of_one_day_has_students_interval(tmp_path):

@@ -72,6 +72,16 @@ def reloaded(page):
     return page.evaluate(LOADED_MS) / 1000, processor_s() - before_s
 
 
+def require_named_cells(cells):
+    """Each cell of a table for phones shows the head of its own column before its value."""
+    for cell in cells.all():
+        shown, head = cell.evaluate(
+            "(cell) => [getComputedStyle(cell, '::before').content,"
+            " cell.closest('table').tHead.rows[0].cells[cell.cellIndex].textContent]"
+        )
+        assert shown.strip('"').replace("\u00a0", " ") == head.replace("\u00a0", " ") + ": "
+
+
 def busy():
     """Whether more programs want to run than there are processors, so that times say little."""
     return os.getloadavg()[0] > (os.cpu_count() or 1)

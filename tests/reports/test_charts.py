@@ -125,6 +125,19 @@ def test_the_residual_chart_states_the_root_mean_square_of_its_marks():
     assert chart["group"] == "g"
 
 
+def test_one_outlier_leaves_the_residuals_their_scale_and_is_counted():
+    """Its value is in the caption, and its mark is in the chart, which draws it as an arrow at the edge."""
+    travel, force, model = hertz_like(np.random.default_rng(6), count=50, noise_N=0.1)
+    plain = fruit_charts(fruit_with(recorded(travel, force, model)))[1]
+    travel[7] += 0.8
+    chart = fruit_charts(fruit_with(recorded(travel, force, model)))[1]
+    (marks,) = layers(chart, "marks")
+    assert max(marks["y"]) == pytest.approx(800, rel=0.1)
+    assert chart["y"]["limits"] == pytest.approx(plain["y"]["limits"], rel=0.2)
+    assert chart["caption"].startswith(plain["caption"])
+    assert re.search(r"Arrows: 1 beyond the axis, the farthest at [78]\d\d$", chart["caption"])
+
+
 def test_a_frame_that_knows_nothing_does_not_set_the_scale():
     frames = [FrameRecord(travel_mm=0.1 * k, E_MPa=0.5, E_sd_MPa=0.01, unloading=k > 9) for k in range(1, 20)]
     lost = FrameRecord(travel_mm=0.01, E_MPa=40.0, E_sd_MPa=39.0)

@@ -43,6 +43,16 @@ FIRST_FOUR = """() => {
   ]);
 }"""
 """Where each cell of the first four columns ends, and how much of each of its lines is cut off, px."""
+UNCOVERED = """() => {
+  const { left, right, top, bottom } = document.activeElement.getBoundingClientRect();
+  const on_top = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
+  return document.activeElement.contains(on_top) || on_top.contains(document.activeElement);
+}"""
+"""Whether nothing covers the middle of the part with the focus."""
+ACTIVE = """() => document.activeElement === document.body ? "BODY"
+  : document.activeElement.matches(".skip") ? "SKIP"
+  : document.activeElement.closest("table.fruit tbody tr") ? document.activeElement.innerText : "" """
+"""The fruit of the table with the focus; BODY: no part of the page has it; SKIP: its first link has it."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
 READING = {
     "en": "Plates, 2\u00a0% of the diameter (N)",
@@ -382,6 +392,55 @@ def test_all_of_it_works_by_keyboard(shown):
     assert "N-000" in page.locator("#fruit-name").inner_text()
     page.get_by_role("link", name="N-005").first.press("Enter")
     assert "N-005" in page.locator("#fruit-name").inner_text()
+
+
+def tab_to(page, selector, *, key="Tab"):
+    """Presses Tab until the focus is on such a part; the part is in sight."""
+    for _ in range(60):
+        page.keyboard.press(key)
+        if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+            assert page.evaluate(UNCOVERED), selector
+            return
+    raise AssertionError(f"Tab does not reach {selector}")
+
+
+def test_tab_enter_and_arrows_alone_filter_sort_open_and_export(shown):
+    page, _ = shown(500)
+    tab_to(page, ".skip")
+    page.keyboard.press("Enter")
+    tab_to(page, "[name=class]")
+    page.keyboard.press("ArrowDown")
+    tab_to(page, "[name=from]")
+    page.keyboard.type("0.45")
+    expected = sum(0.45 <= 0.2 + k / 500 <= 0.5 for k in range(500))
+    assert rows_shown(page) == f"{expected} of 501 fruit"
+    tab_to(page, "[aria-sort] button, th:nth-child(4) button")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Enter")
+    assert page.locator("thead [aria-sort=descending]").inner_text().startswith("E (MPa)")
+    tab_to(page, "tbody tr:not(.space):nth-child(3) a")
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "fruit-name"
+    assert page.locator("#fruit-name").inner_text().endswith("N-148")
+    tab_to(page, "button.save", key="Shift+Tab")
+    with page.expect_download() as coming:
+        page.keyboard.press("Enter")
+    saved = list(csv.DictReader(io.StringIO(coming.value.path().read_text(encoding="utf-8-sig"))))
+    assert [row["fruit_id"] for row in saved] == [f"N-{k}" for k in range(150, 150 - expected, -1)]
+
+
+def test_tab_goes_through_every_row_and_beyond_both_ways(shown):
+    page, _ = shown(200)
+    for key, first, end in (("Tab", "N-000", "BODY"), ("Shift+Tab", "lost", "SKIP")):
+        rows, active = [], ""
+        while active != end:
+            page.keyboard.press(key)
+            active = page.evaluate(ACTIVE)
+            if active not in ("", "BODY", "SKIP"):
+                rows.append(active)
+                assert page.evaluate(UNCOVERED), active
+            assert len(rows) < 300
+        assert (rows[0], len(rows), len(set(rows))) == (first, 201, 201)
 
 
 @pytest.mark.parametrize("width", [360, 800, 1280])

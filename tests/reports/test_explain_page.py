@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from browser import assert_readable, chromium
-from fake_explanation import fake_explanation
+from browser import assert_readable, chromium, require_named_cells
+from fake_explanation import candidate, fake_explanation
 
 from fem.mismatch.result import Candidate, FruitMap, ModulusCell
 from pipeline.diagnosis.diagnosis import Diagnosis
@@ -43,8 +43,8 @@ def bumpy_map():
     )
 
 
-def entry(**changes):
-    answer = fake_explanation()
+def entry(answer=None, **changes):
+    answer = answer or fake_explanation()
     made = explain_entry(
         Diagnosis(
             explanation=answer,
@@ -143,6 +143,28 @@ def test_an_effect_without_words_is_told_by_its_name():
     assert "Pose error (pose error" in explain_verdict(pose_entry)
 
 
+def test_parameters_have_titles_with_units_and_no_names_of_the_program():
+    page = explain_html(entry()).replace("\u00a0", " ")
+    assert "Share of the resistance that fades: 0.310 ± 0.015<br>" in page
+    assert '<th scope="row">Time over which it fades (s)</th>' in page
+    assert not re.search(r">[^<]*\b(tau_s|lag_s|Et_N_per_mm)\b", page.partition("<script")[0])
+
+
+def test_parameters_of_one_title_are_apart():
+    pads = {"sensor_gain.pad": "left", "sensor_drift.pad": "right"}
+    pair = candidate("sensor_gain+sensor_drift", 1.0, gain=1.1, **pads)
+    page = explain_html(entry(answer=fake_explanation(ranking=(pair,))))
+    for title in ("Which pad, sensor gain: left", "Which pad, sensor drift: right"):
+        assert title in page
+    further = candidate("viscoelastic", 1.0, g=0.2, g_2=0.1, tau_s=4.2, tau_2_s=40.0)
+    page = explain_html(entry(answer=fake_explanation(ranking=(further,))))
+    heads = re.findall(r'<th scope="row">(.*?)</th>', page)
+    assert [head for head in heads if "fades" in head] == [
+        "Share of the resistance that fades", "Share of the resistance that fades, g_2",
+        "Time over which it fades (s)", "Time over which it fades (s), tau_2_s",
+    ]  # fmt: skip
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [390, 768, 1280])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -158,6 +180,21 @@ def test_axe_finds_nothing_and_nothing_is_cut_off(tmp_path, scheme, width):
             path.write_text(explain_html(shown), encoding="utf-8")
             page.goto(path.as_uri())
             assert_readable(page, width)
+
+
+@pytest.mark.slow
+def test_on_a_phone_each_cell_names_its_column(tmp_path):
+    path = tmp_path / "mismatch.html"
+    path.write_text(explain_html(entry()), encoding="utf-8")
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 390, "height": 900})
+        page.goto(path.as_uri())
+        cells = page.locator(".stacked td:visible")
+        assert cells.count() == 3 * 6 + 2 * 2  # explanations; parameters of the first
+        require_named_cells(cells)
+        assert not any(
+            head.is_visible() and head.bounding_box()["x"] >= 0 for head in page.locator("thead").all()
+        )
 
 
 def test_no_two_parts_of_the_page_have_one_name():

@@ -146,6 +146,14 @@ def test_the_skin_has_the_photos_colour_and_the_bar_the_scene_s_scale(turned_in_
     assert suture["x"] > room["x"] + 0.5 * room["width"]
 
 
+@pytest.mark.parametrize(("scheme", "low", "high"), [("dark", 0, 60), ("light", 200, 255)])
+def test_the_ground_behind_the_fruit_is_that_of_the_page(turned_in_browser, scheme, low, high):
+    turned_in_browser.emulate_media(color_scheme=scheme)
+    picture, _ = picture_of(turned_in_browser)
+    corner = picture[:20, :20]
+    assert low <= corner.min() <= corner.max() <= high
+
+
 def cut_open(page, share):
     page.locator("#scene input").fill(str(share))
     page.wait_for_timeout(300)
