@@ -41,7 +41,7 @@ from fem.indentation.contact_law import linear_law
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.explanations import candidate_fits, forms_of
 from fem.indentation.no_contact import pooled_noise
-from fem.indentation.strangers import scatter
+from fem.indentation.strangers import own_moduli, scatter
 from fem.indentation.trace import DRIFT_SHARE_PER_MIN, IndenterTrace, joined
 from pipeline.fruit.bare_traces import spread
 
@@ -215,7 +215,7 @@ def of_one_law(paths: list[Path]) -> dict[str, object]:
         "curves": len(paths),
         "E_kPa": 1e3 * said.after.value,
         "E_sd_kPa": 1e3 * said.after.sd,
-        "scatter": scatter(trace, account.named, pooled_noise(trace))[0],
+        "scatter": scatter(own_moduli(trace, account.named, pooled_noise(trace)), account.named.scaled[0])[0],
         "left_out": " ".join(paths[k].stem.rsplit("_", 1)[1] for k in left_out),
         "why": " ".join(note for note in said.notes if "does not belong" in note),
         "law_kPa": float(np.mean(slopes)),

@@ -19,7 +19,7 @@ from fem.indentation.explanations import (
 from fem.indentation.fit import TraceFit, from_prior, predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, pooled_noise, require_force
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread
-from fem.indentation.strangers import likeliest_with_own_moduli, scatter, strangers
+from fem.indentation.strangers import own_moduli, scatter, strangers
 from fem.indentation.trace import IndenterTrace, before_rupture, joined, without
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where, in_words
@@ -104,19 +104,24 @@ def explain_trace(
         law = identifiable(plain, trace)
         return posterior(candidate_fits(law, trace, pooled_noise(trace), rng, forms_of(trace)))
 
-    answer, left_out = explained(trace), dict[int, str]()
-    if len(trace.parts) > 1:
-        left_out = strangers(likeliest_with_own_moduli(trace, answer.best, pooled_noise(trace)))
+    answer, no_contact = explained(trace), pooled_noise(trace)
+    # the plain law and single effects: with a common modulus, a law adapts to a recording of another specimen
+    moduli = {
+        name: own_moduli(trace, fit, no_contact) for name, fit in answer.best.items() if "+" not in name
+    }
+    left_out = strangers(max(moduli.values(), key=lambda of_law: of_law.law_fit.log_score))
     if left_out:
         trace = without(trace, left_out)
-        answer = explained(trace)
-    no_contact = pooled_noise(trace)
+        answer, no_contact, moduli = explained(trace), pooled_noise(trace), {}
     plain, chosen, verdict = answer.best[NONE], answer.likeliest, answer.verdict
+    for fit in (plain, chosen):
+        if fit.law.name not in moduli:
+            moduli[fit.law.name] = own_moduli(trace, fit, no_contact)
     names = verdict if isinstance(verdict, tuple) else (verdict,)
     heldout = _held_out(plain, chosen, trace, no_contact)
     rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
     rig_sd = rig_spread(chosen, trace, no_contact)
-    between = [scatter(trace, fit, no_contact) for fit in (plain, chosen)]
+    between = [scatter(moduli[fit.law.name], fit.scaled[0]) for fit in (plain, chosen)]
     before, after = (
         E.widened(float(np.hypot(rig_sd, added_sd)))
         for E, (_, added_sd) in zip((plain.modulus, answer.modulus(heldout)), between, strict=True)

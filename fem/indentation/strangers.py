@@ -6,7 +6,7 @@ share of force of the others. Source: Gelman et al., "Bayesian Data Analysis", 2
 checks).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,9 @@ class OwnModuli:
 
 
 def own_moduli(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -> OwnModuli:
-    """The law refitted with a modulus for each recording."""
+    """The law refitted with a modulus for each recording; a single recording's fit is `known`."""
+    if len(trace.parts) == 1:
+        return OwnModuli(trace, known, known.scaled[:1], known.covariance[:1, :1])
     law, at = known.law, len(known.law.baseline)
     extra = [replace(law.unknowns[0], name=f"E_MPa{suffix_of(k)}") for k in trace.numbers[1:]]
     start = np.insert(known.scaled, at, np.full(len(extra), known.scaled[0]))
@@ -45,31 +47,20 @@ def own_moduli(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise
     return OwnModuli(trace, law_fit, law_fit.scaled[at_E], law_fit.covariance[np.ix_(at_E, at_E)])
 
 
-def likeliest_with_own_moduli(
-    trace: IndenterTrace, best: Mapping[str, TraceFit], no_contact: NoContactNoise
-) -> OwnModuli:
-    """The likeliest fit of plain law and single effects. With a common modulus, a law would adapt to a
-    recording of another specimen.
-    """
-    each = [own_moduli(trace, trace_fit, no_contact) for name, trace_fit in best.items() if "+" not in name]
-    return max(each, key=lambda moduli: moduli.law_fit.log_score)
-
-
-def scatter(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -> tuple[float, float]:
+def scatter(moduli: OwnModuli, ln_E: float) -> tuple[float, float]:
     """Standard deviation of ln E between recordings in excess of the fit's error, and the term to add in
-    quadrature to the error of the law's ln E; both are zero for a single recording.
+    quadrature to the error of `ln_E`, the law's common one; both are zero for a single recording.
 
     The term: the standard error of their mean, times Student's 95 % quantile over the normal's, and the
-    distance of the mean from the law's ln E.
+    distance of the mean from `ln_E`.
     """
-    count = len(trace.parts)
+    count = len(moduli.ln_E)
     if count == 1:
         return 0.0, 0.0
-    moduli = own_moduli(trace, known, no_contact)
     of_fit = float(np.trace(moduli.covariance) - moduli.covariance.sum() / count) / (count - 1)
     sd = max(float(moduli.ln_E.var(ddof=1)) - of_fit, 0.0) ** 0.5
     of_mean = sd / count**0.5 * float(stdtrit(count - 1, 0.95)) / NINETY
-    return sd, float(np.hypot(of_mean, moduli.ln_E.mean() - known.scaled[0]))
+    return sd, float(np.hypot(of_mean, moduli.ln_E.mean() - ln_E))
 
 
 def strangers(moduli: OwnModuli) -> dict[int, str]:

@@ -5,6 +5,7 @@ For tests that compare one way of computing with another on the same mesh.
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -43,12 +44,14 @@ def stored(name: str) -> FleshMesh:
         return FleshMesh(nodes_mm=archive["nodes_mm"].astype(float), **numbers)
 
 
-def coarse_mesh(*surfaces: np.ndarray, longest_share: float) -> FleshMesh:
+def coarse_mesh(
+    *surfaces: np.ndarray, longest_share: float, edge_mm: float = np.inf, **finer: Any
+) -> FleshMesh:
     """Flesh between a skin and a pit (vertices and faces each). `longest_share`: edges as a share of the cube
-    root of the volume; grading has an eighth at most.
+    root of the volume; grading has an eighth at most. `finer`: where it is finer (tetrahedralise).
     """
     with mock.patch.object(flesh_mesh, "LARGEST_SHARE", longest_share):
-        return tetrahedralise(*surfaces, edge_mm=np.inf)
+        return tetrahedralise(*surfaces, edge_mm=edge_mm, **finer)
 
 
 def meshed(longest_share: float) -> FleshMesh:

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 from functools import cache
-from unittest import mock
 
 import numpy as np
 import pytest
+from coarse_fruit import coarse_mesh
 from fem_shapes import ball
 from recorded_pad import recorded_pad
 from refusals import refused
@@ -27,7 +27,6 @@ from fem.estimation.joint_inference import GraspEvidence, joint_modulus
 from fem.estimation.sensitivity import PIT, PIT_SIZE, POISSON_RATIO, SURFACE
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
-from fem.mesh import flesh_mesh
 from fem.mesh.surface_points import locate, skin_quadrature
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -273,15 +272,15 @@ PATCH_MM = np.array([2.0, 3.0, 4.0, 4.5, 3.5])
 
 def mesh_of(pit_mm, middle_mm, *, fine_mm):
     ends = np.vstack([np.diag(FRUIT_MM)[:2], -np.diag(FRUIT_MM)[:2]])
-    with mock.patch.object(flesh_mesh, "LARGEST_SHARE", 1 / 7):  # the pads' patches are fine all the same
-        return flesh_mesh.tetrahedralise(
-            *ball(6000, semi_axes_mm=FRUIT_MM),
-            *ball(2000, semi_axes_mm=pit_mm, centre_mm=middle_mm),
-            edge_mm=6.0,
-            refine_at_mm=ends,
-            refine_radius_mm=4.0,
-            refine_edge_mm=fine_mm,
-        )
+    return coarse_mesh(
+        *ball(6000, semi_axes_mm=FRUIT_MM),
+        *ball(2000, semi_axes_mm=pit_mm, centre_mm=middle_mm),
+        longest_share=1 / 7,  # the pads' patches are fine all the same
+        edge_mm=6.0,
+        refine_at_mm=ends,
+        refine_radius_mm=4.0,
+        refine_edge_mm=fine_mm,
+    )
 
 
 def placed(axis, side):
